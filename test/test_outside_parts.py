@@ -124,6 +124,7 @@ told = StringIO()
 with redirect_stdout(told):
     assert main(["check", *(f"--config={each}" for each in configs)]) == 0
     assert "torque authority  0.05 > 0.012 N" in told.getvalue(), told.getvalue()
+    assert "room  0.05 ≤ 0.05 N·m  holds" in told.getvalue(), told.getvalue()
     Figure.savefig = lambda *_, **__: None  # that it draws is another test's
     main(["analyse", bag, "--report", "report.html"])
 sys.exit(main(["replay", bag, "--json"]))

@@ -229,6 +229,8 @@ def test_a_hook_that_raises_is_told_with_its_component(hook: str) -> None:
         ("advice", Advice(None, warning=False), r"TypeError: Advice\(text=None, .* with a text"),  # type: ignore[arg-type]
         ("advices", "many", "ValueError: invalid literal"),
         ("advice", "all is well", "TypeError: 'all is well'; allowed"),
+        ("conditions", (0.1, 0.2), r"TypeError: \(0.1, 0.2\); allowed: Conditions"),
+        ("conditions", None, "TypeError: 'NoneType' object is not iterable"),
         ("motion_bounds", (0.1, 0.2), "ValueError: not enough values"),
         ("motion_bounds", (0.1, -0.2, 0.3), "ValueError: -0.2; allowed: a number ≥ 0"),
     ],

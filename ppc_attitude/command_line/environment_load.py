@@ -26,7 +26,7 @@ from ppc_attitude.contract.topics import INJECTOR, PLANT
 from ppc_attitude.science import magnetorquers, wheels
 from ppc_attitude.science.allocators import wheel_drive
 from ppc_attitude.science.attitude import conjugate, normalised, rotate
-from ppc_attitude.science.certificate import Condition
+from ppc_attitude.science.conditions import Condition
 from ppc_attitude.science.kernel import quaternion, vector
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.plants.rigid_body import INERTIA, INITIAL_ATTITUDE, INITIAL_RATE

@@ -31,6 +31,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ppc_attitude.science.conditions import Condition, Task
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Parameter, filled, record_type
 
@@ -216,6 +217,13 @@ def _bounds_of_motion(given: Any) -> tuple[float, float, float]:
     return rate, acceleration, jerk
 
 
+def _conditions(given: Any) -> tuple[Condition, ...]:
+    found = tuple(given)
+    if not all(isinstance(each, Condition) for each in found):
+        raise TypeError(f"{found!r}; allowed: Conditions")
+    return found
+
+
 _HOOKS: dict[str, Callable[[Any], Any]] = {
     "configure": lambda made: made,
     "advice": _advice,
@@ -226,6 +234,7 @@ _HOOKS: dict[str, Callable[[Any], Any]] = {
     "least_impulse": _size,
     "bound": _size,
     "motion_bounds": _bounds_of_motion,
+    "conditions": _conditions,
 }
 """What a component may be asked, and what is made of the answer."""
 
@@ -299,6 +308,8 @@ class Component:
     motion_bounds : callable, optional
         Of references: from parameter values and a duration [s] to bounds of ‖ω_d‖ [rad/s], ‖ω_d'‖
         [rad/s²] and ‖ω_d''‖ [rad/s³] for that time.
+    conditions : callable
+        From parameter values and a `Task` to the conditions that `check` tells.
     observes : bool
         Of laws: True if it has a rate observer of its own, so that none is put before it.
     """
@@ -320,6 +331,7 @@ class Component:
     least_impulse: Callable[[Mapping[str, Any]], float] | None = None
     bound: Callable[[Mapping[str, Any]], float] | None = None
     motion_bounds: Callable[[Mapping[str, Any], float], tuple[float, float, float]] | None = None
+    conditions: Callable[[Mapping[str, Any], Task], Iterable[Condition]] = lambda *_: ()
     observes: bool = False
 
     def __post_init__(self) -> None:

@@ -32,6 +32,7 @@ from ppc_attitude.science.attitude import (
     unit_quaternion,
 )
 from ppc_attitude.science.component import BODY, INERTIAL, QUATERNION, VECTOR, Column, Component
+from ppc_attitude.science.conditions import advisable
 from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
 from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
 from ppc_attitude.science.inertia import inertia_matrix
@@ -263,6 +264,9 @@ LAW = Component(
     inputs=INPUTS,
     outputs=(*OUTPUTS, USE),
     step=step_law,
+    conditions=lambda values, task: (
+        advisable("room", values["max_torque"], task.actuator_torque, "N·m", "it is given in full"),
+    ),
 )
 
 

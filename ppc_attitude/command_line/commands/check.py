@@ -37,31 +37,20 @@ from ppc_attitude.command_line.options import (
     scenario_of,
     see_that_none_is_idle,
 )
-from ppc_attitude.command_line.proportions import (
-    acting_torque,
-    actuator_conditions,
-    knowledge_conditions,
-    noise_conditions,
-    pulse_conditions,
-    sampling_conditions,
-    settling_conditions,
-    slew_conditions,
-)
+from ppc_attitude.command_line.proportions import conditions_of
 from ppc_attitude.command_line.stopping import stoppable
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import (
     ATTITUDE,
-    CONTROLLER,
     ESTIMATOR,
     PLANT,
-    REFERENCE,
     REFERENCE_ATTITUDE,
     TRUE_ATTITUDE,
 )
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
 from ppc_attitude.science.attitude import attitude_error
-from ppc_attitude.science.certificate import Condition, certificate, largest_desired_rate
 from ppc_attitude.science.component import Advice
+from ppc_attitude.science.conditions import Condition
 from ppc_attitude.science.controllers.tube_parameters import LAWS
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import fault_texts
@@ -76,7 +65,6 @@ from ppc_attitude.science.kinds import (
     SENSORS,
 )
 from ppc_attitude.science.part import Part
-from ppc_attitude.science.references import goal, paper, paper_ahead
 from ppc_attitude.simulation.closed_loop import first_instant
 from ppc_attitude.simulation.flight_plan import Answer, goals_told
 from ppc_attitude.simulation.scenario import Scenario, idle_parameters
@@ -136,16 +124,9 @@ def execute(arguments: argparse.Namespace) -> int:
     wheels = stoppable(lambda: [*wheel_conditions(scenario, reference, surroundings)])
     goals = goals_told(scenario)
     conditions = (
-        *(() if guarantee else _law_conditions(scenario, q_e[3], environment, required.rate)),
-        *settling_conditions(scenario, required, q_e),
-        *slew_conditions(scenario, required),
-        *_goal_conditions(goals),
-        *actuator_conditions(scenario),
+        *conditions_of(scenario, required, q_e, environment),
         *wheels,
-        *knowledge_conditions(scenario),
-        *sampling_conditions(scenario),
-        *noise_conditions(scenario),
-        *pulse_conditions(scenario, required),
+        *_goal_conditions(goals),
     )
     idle = idle_parameters(arguments.config, scenario)
     known = []
@@ -177,29 +158,6 @@ def execute(arguments: argparse.Namespace) -> int:
             print("\n".join(["", *guarantee.lines(), *map(paragraph, (*known, *hits))]))
     holds = all(each.holds for each in conditions if each.necessary)
     return DONE if holds and (not guarantee or guarantee.holds) else REQUIREMENT_FAILED
-
-
-def _law_conditions(
-    scenario: Scenario, q_e0: float, environment: float, rate_limit: float | None
-) -> tuple[Condition, ...]:
-    """Conditions on the law for the reference that it follows."""
-    law = scenario.parameters[CONTROLLER]
-    torque = acting_torque(scenario)
-    rate = _desired_rate(scenario)
-    return certificate(scenario.controller, law, q_e0, rate, torque, environment, rate_limit)
-
-
-def _desired_rate(scenario: Scenario) -> float | None:
-    """Largest ‖ω_d‖ [rad/s] of the selected reference; None if it tells none."""
-    values = scenario.parameters[REFERENCE]
-    reference = REFERENCES.selected(values)
-    if reference is goal.COMPONENT:
-        return float(values[goal.MAX_RATE.name])
-    if reference in (paper.COMPONENT, paper_ahead.COMPONENT):
-        return largest_desired_rate(values[paper.AMPLITUDE.name])
-    if reference is None or reference.motion_bounds is None:
-        return None
-    return reference.motion_bounds(values, scenario.number(PLANT, "duration"))[0]
 
 
 def _goal_conditions(goals: list[Answer]) -> Iterator[Condition]:

@@ -14,12 +14,13 @@
 
 """The paper's actuator: it saturates, has a dead zone, and is otherwise ideal."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from ppc_attitude.science.component import Component
+from ppc_attitude.science.conditions import Condition, Task, advisable
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import FAULTS, OF_A_TORQUE, RECORD, fails, faults_of, faulty
 from ppc_attitude.science.kernel import Vector, kernel, store, vector
@@ -31,6 +32,7 @@ MIN_TORQUE = Parameter(
     "min_torque", 1e-4, "below this the actuator gives nothing", "N·m", low=0.0, high=1e6
 )
 LATE_COMMAND = Parameter("late_command", False, "true: a command acts one sample late")
+_DEAD_SHARE = 0.1  # of the actuator that its dead zone may take
 PARTS = dict.fromkeys(("actuator/x", "actuator/y", "actuator/z"), OF_A_TORQUE)
 CONFIGURATION = record_type(MAX_TORQUE, MIN_TORQUE, LATE_COMMAND, ("faults", RECORD))
 MEMORY = record_type(("command", np.float64, (3,)))  # [N·m] of the last sample
@@ -84,6 +86,13 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
             outputs.applied_torque[i] = given
 
 
+def conditions(values: Mapping[str, Any], _: Task) -> Iterator[Condition]:
+    """Compare the dead zone with the limit."""
+    most = _DEAD_SHARE * values[MAX_TORQUE.name]
+    meaning = f"the dead zone takes at most {100.0 * _DEAD_SHARE:g} % of the actuator"
+    yield advisable(MIN_TORQUE.name, values[MIN_TORQUE.name], most, "N·m", meaning)
+
+
 COMPONENT = Component(
     name="ideal",
     parameters=(MAX_TORQUE, MIN_TORQUE, LATE_COMMAND, FAULTS),
@@ -95,4 +104,5 @@ COMPONENT = Component(
     step=step,
     limits=(MAX_TORQUE.name,),
     faults=lambda values: PARTS,
+    conditions=conditions,
 )

@@ -28,6 +28,7 @@ import numpy as np
 
 from ppc_attitude.science.attitude import jacobian_transposed
 from ppc_attitude.science.component import BODY, VECTOR, Component
+from ppc_attitude.science.controllers import ppc_conditions
 from ppc_attitude.science.controllers.common import (
     ATTITUDE_ENVELOPE,
     ATTITUDE_PARAMETERS,
@@ -359,4 +360,5 @@ COMPONENT = Component(
     step=step,
     advice=lambda memory: plan_advice(memory["plan"]),
     advices=lambda memory: int(memory["plan"]["count"]),
+    conditions=lambda values, task: ppc_conditions.conditions(values, configure(values), task),
 )

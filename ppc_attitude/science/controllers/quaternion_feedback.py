@@ -19,12 +19,13 @@ its eigenaxis, and the torque is scaled as a vector, which keeps that axis. Feed
 reference (M0) makes it a tracking law.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from ppc_attitude.science.component import Component
+from ppc_attitude.science.conditions import Condition, Task, advisable
 from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
 from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
 from ppc_attitude.science.inertia import inertia_matrix
@@ -63,8 +64,6 @@ _OWN = (
     ),
 )
 PARAMETERS = (INERTIA, MAX_TORQUE, *_OWN)
-LOOP = _OWN[:3]
-"""Natural frequency, damping ratio and integral time: of the linear loop of small errors."""
 CONFIGURATION = record_type(
     ("stiffness", np.float64),  # 2k [1/s²] on q_ev
     ("damping", np.float64),  # c [1/s]
@@ -135,6 +134,30 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     store_command(command, q_e, omega_e, u, torque)
 
 
+def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
+    """Stability of φ'' = −2ζω φ' − ω² (φ + ∫φ dt / T), by Jury where sampled, and by Routh."""
+    frequency, damping, time = (values[each.name] for each in _OWN[:3])
+    cubic = (1.0, 2.0 * damping * frequency, frequency**2, frequency**2 / time)
+    slowest = float(np.roots(cubic).real.max())
+    yield advisable(
+        "loop against sampling",
+        frequency * task.hold,
+        min(1.0 / damping / task.first_answer, 4.0 * damping),
+        "",
+        "ω_n h ≤ min(1/ζ, 4ζ), h a step or the thrusters' period, less where modes follow "
+        "later: the sampled loop is stable, if rates are exact and commands act at once; beyond it "
+        "the torque changes its sign at every sample, or swings",
+    )
+    yield advisable(
+        "integral of the loop",
+        1.0 / time,
+        2.0 * damping * frequency,
+        "1/s",
+        "1/T ≤ 2ζω_n: the integral does not make the loop swing; the slowest part of a small error "
+        f"{'never fades' if slowest >= 0.0 else f'is 1/e after {-1.0 / slowest:.3g} s'}",
+    )
+
+
 COMPONENT = Component(
     name="quaternion_feedback",
     parameters=PARAMETERS,
@@ -144,4 +167,5 @@ COMPONENT = Component(
     inputs=INPUTS,
     outputs=OUTPUTS,
     step=step,
+    conditions=conditions,
 )

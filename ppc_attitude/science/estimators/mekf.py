@@ -19,14 +19,15 @@ become a component, which also states how good its estimate is.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.attitude import conjugate, rotation_matrix
+from ppc_attitude.science.attitude import conjugate, logarithm, product, rotation_matrix
 from ppc_attitude.science.compiled_stamps import nanoseconds, seconds
 from ppc_attitude.science.component import BODY, MOTION, VECTOR, Advice, Column, Component
+from ppc_attitude.science.conditions import Condition, Task, advisable
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators.filter import NOTHING, Knowledge
 from ppc_attitude.science.estimators.late_fixes import (
@@ -43,6 +44,7 @@ from ppc_attitude.science.kernel import (
     NO_ATTITUDE,
     ZERO,
     kernel,
+    norm,
     quaternion,
     store,
     store_quaternion,
@@ -118,6 +120,7 @@ PARAMETERS = (
         "lost_sigma", 0.01, "3σ of the attitude from which on it counts as lost", "rad", above=0.0
     ),
 )
+_WORSE = 3.0  # times that its noise, or σ that its mounting, may be off the number taken for it
 _STALE_SLOTS = 5
 _SHARPEST = 1e-15  # [rad] its square is still far above the smallest float
 _MOST_UNEVEN = 1e4
@@ -280,6 +283,30 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         message[4] = -1.0  # REP 145: there is no such quantity
 
 
+def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
+    """Compare the sensors with what the filter takes them for, where these are not the same."""
+    for each in PARAMETERS:
+        true, taken = task.craft.get(each.name), values[each.name]
+        if true in (None, taken):
+            continue
+        both = f"{each.name} = {_short(true)} of the sensors, {_short(taken)} of the filter: "
+        if each is MOUNTING:
+            turn = product(conjugate(unit_mounting(task.craft)), unit_mounting(values))
+            value, most, unit = norm(logarithm(turn)), _WORSE * values[CROSS_NOISE.name], "rad"
+            what = f"a fix is off by less than {_WORSE:g}σ of its noise across the boresight"
+        else:
+            value, most, unit = (true / taken if taken else math.inf), _WORSE, ""
+            what = "the sensor is not much worse than the filter takes it for"
+        yield advisable(each.name, float(value), most, unit, both + what)
+
+
+def _short(value: float | Sequence[float]) -> str:
+    """Write a number, or numbers, for a reader."""
+    if isinstance(value, Sequence):
+        return f"[{', '.join(map(_short, value))}]"
+    return f"{value:g}"
+
+
 COMPONENT = Component(
     name="mekf",
     parameters=PARAMETERS,
@@ -291,4 +318,5 @@ COMPONENT = Component(
     step=step,
     advice=advice,
     advices=lambda memory: int(memory["verdicts"]),
+    conditions=conditions,
 )

@@ -19,7 +19,7 @@ the error out of its envelope.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from ppc_attitude.science.attitude import continued, normalised
 from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import Advice, Component
+from ppc_attitude.science.conditions import Condition, Task, advisable
 from ppc_attitude.science.guidance.cones import CONE_PARAMETERS, cones_of, unit_vector
 from ppc_attitude.science.guidance.frames import FRAME_NAMES
 from ppc_attitude.science.guidance.goals import (
@@ -51,6 +52,7 @@ from ppc_attitude.science.guidance.limits import frame_bounds, slew_bounds
 from ppc_attitude.science.guidance.orders import (
     GOAL_FRAMES,
     GOAL_PARAMETERS,
+    GOAL_TIMES,
     HOLD,
     ORDER,
     PROFILE,
@@ -59,6 +61,7 @@ from ppc_attitude.science.guidance.orders import (
     scheduled_orders,
 )
 from ppc_attitude.science.guidance.scene import scene_at, told
+from ppc_attitude.science.guidance.slew import slew_torque
 from ppc_attitude.science.guidance.trajectory import POINTS, follow
 from ppc_attitude.science.guidance.watch import look_out, warnings_of
 from ppc_attitude.science.keep_out import MOST_CONES
@@ -74,6 +77,7 @@ from ppc_attitude.science.kernel import (
 from ppc_attitude.science.orbit import EARTH_RADIUS
 from ppc_attitude.science.orbit_elements import ORBIT_PARAMETERS, epoch_of, orbit_of
 from ppc_attitude.science.parameter import Parameter, at_start
+from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.science.signals import ATTITUDE, DESIRED_MOTION
 from ppc_attitude.science.sky import earth_angle
 
@@ -303,6 +307,28 @@ def motion_bounds(values: Mapping[str, Any], duration: float) -> tuple[float, fl
     return W, W1, math.inf if PROFILING in names else W2
 
 
+def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
+    """The torque that slews need, and the time in which the goals come."""
+    V, A, share = (values[each.name] for each in (MAX_RATE, MAX_ACCELERATION, TORQUE_SHARE))
+    spins = "spin" in values[GOAL_FRAMES.name]
+    # In a frame that turns by ω_f a slew is accelerated by ω × ω_f too; a spin may be nearly as
+    # fast as V.
+    crossed = V * abs(values[SPIN_RATE.name]) if spins else 0.0
+    if INERTIA.name in task.craft:
+        yield advisable(
+            "slew torque",
+            slew_torque(np.reshape(task.craft[INERTIA.name], (3, 3)), V, A + crossed),
+            share * task.torque,
+            "N·m",
+            f"max‖J e‖ {'(A + V |spin.rate|)' if spins else 'A'} + max‖ω × J ω‖ leaves the law its "
+            "margin (guidance.torque_share)",
+        )
+    times = values[GOAL_TIMES.name]
+    if times and task.duration:
+        meaning = "all goals begin before the run ends"
+        yield advisable("last goal", max(times), task.duration, "s", meaning)
+
+
 COMPONENT = Component(
     name="goal",
     parameters=(
@@ -327,4 +353,5 @@ COMPONENT = Component(
     advice=advice,
     advices=lambda state: int(state["obeyed"] + state["watch"]["changes"]),
     motion_bounds=motion_bounds,
+    conditions=conditions,
 )

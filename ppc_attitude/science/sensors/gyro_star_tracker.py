@@ -19,7 +19,7 @@ slot, which arrives late: an instant's fix was valid some steps ago.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ import numpy as np
 from ppc_attitude.science.attitude import exponential, normalised, product
 from ppc_attitude.science.compiled_stamps import seconds, stamp_of, step_of
 from ppc_attitude.science.component import BODY, FIX, GYRO, STAR_TRACKER, Advice, Column, Component
+from ppc_attitude.science.conditions import Condition, Task, advisable
 from ppc_attitude.science.faults import FAULTS, RECORD, Failure, How, acting, faults_of, number_of
 from ppc_attitude.science.kernel import (
     ZERO,
@@ -41,6 +42,7 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.parameter import RATE, at_start, filled, record_type
+from ppc_attitude.science.plants.rigid_body import INITIAL_RATE
 from ppc_attitude.science.sensors import gyro, star_tracker
 from ppc_attitude.science.sensors.direct import SEED
 from ppc_attitude.science.sensors.gyro import (
@@ -270,6 +272,29 @@ def advice(state: Any) -> Advice:
     )
 
 
+def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
+    """Compare the rates of craft and reference with the largest at which fixes come."""
+    most = values[star_tracker.MAX_RATE.name]
+    if INITIAL_RATE.name in task.craft:
+        yield advisable(
+            "rate at the start",
+            float(np.linalg.norm(task.craft[INITIAL_RATE.name])),
+            most,
+            "rad/s",
+            "up to star_tracker.max_rate a first fix comes: without one there is no estimate, so "
+            "the law gives no torque, and nothing stops the craft",
+        )
+    if task.desired_rate is not None:
+        yield advisable(
+            "rate of the reference",
+            task.desired_rate,
+            most,
+            "rad/s",
+            "fixes come while the reference turns no faster than star_tracker.max_rate: beyond it "
+            "only the gyro tells the attitude",
+        )
+
+
 COMPONENT = Component(
     name="gyro_star_tracker",
     parameters=(*gyro.PARAMETERS, *star_tracker.PARAMETERS, INITIAL_FIX, SEED, FAULTS),
@@ -289,4 +314,5 @@ COMPONENT = Component(
     advice=advice,
     advices=lambda state: int(state["news"]),
     faults=lambda values: PARTS,
+    conditions=conditions,
 )

@@ -80,20 +80,21 @@ OUTLIER_SIZE = Parameter(
     low=0.0,
     high=math.pi,
 )
+MAX_RATE = Parameter(
+    "star_tracker.max_rate",
+    100.0,
+    "no fix while the craft turns faster",
+    "rad/s",
+    above=0.0,
+    high=100.0,
+)
 PARAMETERS = (
     CROSS_NOISE,
     BORESIGHT_NOISE,
     MOUNTING,
     RATE,
     LATENCY,
-    Parameter(
-        "star_tracker.max_rate",
-        100.0,
-        "no fix while the craft turns faster",
-        "rad/s",
-        above=0.0,
-        high=100.0,
-    ),
+    MAX_RATE,
     _share("star_tracker.dropout_probability", 0.0, "share of slots without a fix"),
     _share("star_tracker.outlier_probability", 0.0, "share of false fixes"),
     OUTLIER_SIZE,
@@ -205,7 +206,7 @@ def star_tracker_record(values: Mapping[str, Any]) -> Any:
     record["every"], record["delay"] = slots(values["rate"], values)
     record["mounting"] = unit_mounting(values)
     record["sigma"] = sigmas(values)
-    record["max_rate"] = values["star_tracker.max_rate"]
+    record["max_rate"] = values[MAX_RATE.name]
     record["dropout"] = values["star_tracker.dropout_probability"]
     record["outlier"] = values["star_tracker.outlier_probability"]
     record["outlier_size"] = values["star_tracker.outlier_size"]

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The certificate of a set of parameters: the paper's conditions, corrected, and what holds.
+"""Conditions of the law `ppc`: the paper's, corrected, what predicts simulation, and proportions.
 
 S1 to S5 make the composite Lyapunov function decrease. They are sufficient, not necessary: the
 paper's own numbers violate S1, and its simulations converge all the same. What predicts
@@ -23,61 +23,20 @@ that limits the start.
 """
 
 import math
-import operator
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.component import Component
-from ppc_attitude.science.controllers import ppc
-from ppc_attitude.science.controllers.common import (
-    ATTITUDE_ENVELOPE,
-    RATE_ENVELOPE,
-    envelope_of,
-    envelopes_of,
-)
-from ppc_attitude.science.envelope_plan import table_can_be_followed
+from ppc_attitude.science.actuators.ideal import MIN_TORQUE
+from ppc_attitude.science.conditions import Condition, Task, advisable
+from ppc_attitude.science.controllers.common import ATTITUDE_ENVELOPE, envelope_of
+from ppc_attitude.science.envelope_plan import least_settling_time, table_can_be_followed
+from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import ZERO
-from ppc_attitude.science.performance import R_LIMIT, Envelope
+from ppc_attitude.science.performance import Envelope, nominal
 
-_SYMBOLS = {ATTITUDE_ENVELOPE.name: "ρ_q", RATE_ENVELOPE.name: "ρ_ω"}
-
-
-@dataclass(frozen=True)
-class Condition:
-    """One condition.
-
-    Attributes
-    ----------
-    name : str
-        Short name, the paper's where it has one.
-    value, limit : float
-        What it is and what it is compared with.
-    relation : str
-        ``>``, ``≥`` or ``≤``: how value and limit must compare.
-    unit : str
-        Of both.
-    necessary : bool
-        False for a sufficient condition that may be violated, as the paper's numbers do.
-    meaning : str
-        What it says.
-    """
-
-    name: str
-    value: float
-    limit: float
-    relation: str
-    unit: str
-    necessary: bool
-    meaning: str
-
-    @property
-    def holds(self) -> bool:
-        """True if the condition is met."""
-        compared = {">": operator.gt, "≥": operator.ge, "≤": operator.le}[self.relation]
-        return bool(compared(self.value, self.limit))
+_NOISE_SIGMAS = 3.0  # of what noise makes the law ask for, that the actuator should give
 
 
 def steepest_fall(envelope: Envelope) -> float:
@@ -99,55 +58,27 @@ def virtual_control_bound(values: Mapping[str, Any]) -> float:
     return speed if values["virtual_control"] == "norm" else math.sqrt(3.0) * speed
 
 
-def certificate(
-    law: Component,
-    values: Mapping[str, Any],
-    q_e0: float,
-    desired_rate: float | None,
-    torque: float,
-    environment: float,
-    rate_limit: float | None,
-) -> tuple[Condition, ...]:
-    """Conditions on the parameters; S1 to S5 and the rate bound are those of the law `ppc`.
+def conditions(values: Mapping[str, Any], gains: Any, task: Task) -> Iterator[Condition]:
+    """Conditions on the parameters of the law, and in proportion to the craft.
 
     Parameters
     ----------
-    law : Component
-        The law: only the envelopes that it has must be feasible.
     values : mapping
         Checked parameter values.
-    q_e0 : float
-        Scalar part of the initial attitude error.
-    desired_rate : float or None
-        Largest ‖ω_d‖ [rad/s]; None if nobody knows it.
-    torque : float
-        Torque on an axis [N·m] that the law asks for and the actuator gives.
-    environment : float
-        Largest norm of the environment torque [N·m].
-    rate_limit : float or None
-        Required bound of ‖ω_s‖ [deg/s]; None if nothing is asked for.
-
-    Raises
-    ------
-    ConfigurationError
-        An envelope is infeasible.
+    gains : record
+        What the law is configured with.
+    task : Task
+        The rest of the craft, and what is asked of it.
     """
-    envelopes = {prefix: envelope_of(prefix, values) for prefix in envelopes_of(law)}
-    found = [_feasibility(_SYMBOLS[prefix], each) for prefix, each in envelopes.items()]
-    meaning = "the actuator is stronger than the configured environment's torque"
-    found.append(Condition("torque authority", torque, environment, ">", "N·m", True, meaning))
-    if law.name == ppc.COMPONENT.name:
-        fall = steepest_fall(envelopes[ATTITUDE_ENVELOPE.name])
-        found += _lyapunov(values, abs(q_e0), fall)
-        found += _following(values, abs(q_e0), fall)
-        found += _rates(values, desired_rate, envelopes[RATE_ENVELOPE.name], rate_limit)
-    return tuple(found)
-
-
-def _feasibility(name: str, envelope: Envelope) -> Condition:
-    joint = f"t1 = {envelope.t1:.9g} s, a1 = {envelope.a1:.12g} 1/s²"
-    meaning = f"the envelope has a smooth joint: {joint}"
-    return Condition(f"r of {name}", envelope.r, R_LIMIT, "≤", "", True, meaning)
+    q_e0 = abs(task.error[3])
+    fall = steepest_fall(envelope_of(ATTITUDE_ENVELOPE.name, values))
+    yield from _lyapunov(values, q_e0, fall)
+    yield from _following(values, q_e0, fall, gains)
+    needs = float(least_settling_time(task.error, *task.settled, gains))
+    yield from task.settles("time of the law", needs, "with the law's k, M_omega and beta")
+    yield from _rates(values, task)
+    yield from _sampling(values, task)
+    yield from _actuation(values, task)
 
 
 def _lyapunov(values: Mapping[str, Any], q_e0: float, fall: float) -> Iterator[Condition]:
@@ -169,7 +100,9 @@ def _lyapunov(values: Mapping[str, Any], q_e0: float, fall: float) -> Iterator[C
     yield Condition("S5", s5, 0.0, "≥", "", True, meaning)
 
 
-def _following(values: Mapping[str, Any], q_e0: float, fall: float) -> Iterator[Condition]:
+def _following(
+    values: Mapping[str, Any], q_e0: float, fall: float, gains: Any
+) -> Iterator[Condition]:
     shrink = 0.5 * q_e0 * values["k"] * values["M_omega"]
     beta = values["beta"]
     meaning = (
@@ -180,33 +113,95 @@ def _following(values: Mapping[str, Any], q_e0: float, fall: float) -> Iterator[
     yield Condition("edge follows", shrink * math.tanh(beta), fall, ">", "1/s", False, meaning)
     meaning = "largest single component of q_ev that follows the table from rest, with reserve; "
     meaning += "beyond, use envelope: auto"
-    yield Condition("largest start", largest_start(values), 0.0, ">", "", False, meaning)
+    yield Condition("largest start", largest_start(gains), 0.0, ">", "", False, meaning)
 
 
-def _rates(
-    values: Mapping[str, Any], desired_rate: float | None, rate: Envelope, limit: float | None
-) -> Iterator[Condition]:
+def _rates(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
+    """The bound of v, and the largest rates: settled, and during slews with the error they add."""
     bound = virtual_control_bound(values)
     speed = math.degrees(values["k"] * values["M_omega"])
     meaning = "max‖v‖ is k M_ω, as the paper claims of its form; true of virtual_control: norm only"
     yield Condition("bound of v", math.degrees(bound), speed, "≤", "deg/s", False, meaning)
-    if limit is not None and desired_rate is not None:
-        total = math.degrees(bound + desired_rate + math.sqrt(3.0) * rate.table.terminal)
-        meaning = "max‖v‖ + max‖ω_d‖ + √3 g∞ of ρ_ω: guaranteed once z2 has come in"
-        yield Condition("rate bound", total, limit, "≤", "deg/s", False, meaning)
+    desired, limit = task.desired_rate, task.rate_limit
+    if limit is None or desired is None:
+        return
+    total = math.degrees(bound + desired + math.sqrt(3.0) * values["rate_envelope.terminal"])
+    meaning = "max‖v‖ + max‖ω_d‖ + √3 g∞ of ρ_ω: guaranteed once z2 has come in"
+    yield advisable("rate bound", total, limit, "deg/s", meaning)
+    if task.slews_from is None:
+        return
+    shape = envelope_of(ATTITUDE_ENVELOPE.name, values).shape()
+    width, when = float(shape["terminal"]), "once settled"
+    if task.slews_from < math.inf:
+        width = min(nominal(task.slews_from, shape)[0], 1.0)
+        when = f"of the first goal, t = {task.slews_from:g} s"
+    yield advisable(
+        "slew rate",
+        math.degrees(desired + bound * width),
+        limit,
+        "deg/s",
+        f"V + max‖v‖ ρ_q, ρ_q = {width:.3g} {when}: an error as large as its envelope would add so "
+        "much",
+    )
 
 
-def largest_start(values: Mapping[str, Any]) -> float:
+def _sampling(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
+    """Compare how the law answers a rate error with the time for which an answer holds."""
+    width = values["rate_envelope.terminal"]
+    least, _, _ = _moments(values)
+    change = values["D_m"] * task.hold / least * task.first_answer
+    yield advisable(
+        "answer to z2",
+        values["K_omega"] * task.hold * task.first_answer + change / values["mu"] / width,
+        2.0,
+        "",
+        "K_ω h + D_m h / (J μ g∞), h a step or the thrusters' period, more where modes "
+        "follow later: the torque does not throw a small rate error farther to the other side; "
+        "beyond it the torque may change its sign at every sample",
+    )
+    yield advisable(
+        "D_m in ρ_ω",
+        0.5 * change,
+        width,
+        "rad/s",
+        "D_m h / 2J: if the disturbance estimate changes sign at every sample, the rate error "
+        "stays inside its envelope",
+    )
+
+
+def _actuation(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
+    """Compare what the law asks for with the actuator: at the envelope's edge, and of noise."""
+    least, _, most = _moments(values)
+    if MIN_TORQUE.name in task.craft:
+        yield advisable(
+            "min_torque in ρ_ω",
+            task.craft[MIN_TORQUE.name],
+            values["K_omega"] * least * values["rate_envelope.terminal"],
+            "N·m",
+            "K_ω J g∞: at the edge of the rate envelope the law asks for more than the dead zone, "
+            "so that the actuator acts inside it",
+        )
+    if task.rate_sigma:
+        yield advisable(
+            "noise torque",
+            _NOISE_SIGMAS * values["K_omega"] * most * task.rate_sigma,
+            task.actuator_torque,
+            "N·m",
+            f"{_NOISE_SIGMAS:g}σ of K_ω J z2: the actuator gives what noise makes the law ask for",
+        )
+
+
+def _moments(values: Mapping[str, Any]) -> list[float]:
+    """Principal moments [kg·m²] of the inertia that the law knows, ascending."""
+    moments: list[float] = np.linalg.eigvalsh(inertia_matrix("inertia", values["inertia"])).tolist()
+    return moments
+
+
+def largest_start(gains: Any) -> float:
     """Largest |q_ev,i|, the other components zero, that can follow the tabulated envelope.
 
     From rest, by bisection on the controller's own model of the turn; the least of the axes.
-
-    Raises
-    ------
-    ConfigurationError
-        An envelope or the inertia is impossible.
     """
-    gains = ppc.configure(values)
     return min(_largest_component(axis, gains) for axis in range(3))
 
 
@@ -221,8 +216,3 @@ def _largest_component(axis: int, gains: Any) -> float:
         else:
             high = middle
     return low
-
-
-def largest_desired_rate(amplitude: Any) -> float:
-    """Bound of ‖ω_d‖ [rad/s] from the amplitudes of its three components."""
-    return float(np.linalg.norm(amplitude))

@@ -1,0 +1,146 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Conditions on parameters, which `check` tells, and what a component may compare its own with."""
+
+import math
+import operator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+_RELATIONS: dict[str, Callable[[float, float], bool]] = {
+    ">": operator.gt,
+    "≥": operator.ge,
+    "≤": operator.le,
+}
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One condition.
+
+    Attributes
+    ----------
+    name : str
+        Short name, the paper's where it has one.
+    value, limit : float
+        What it is and what it is compared with.
+    relation : str
+        ``>``, ``≥`` or ``≤``: how value and limit must compare.
+    unit : str
+        Of both.
+    necessary : bool
+        False for a sufficient condition that may be violated, as the paper's numbers do.
+    meaning : str
+        What it says.
+    """
+
+    name: str
+    value: float
+    limit: float
+    relation: str
+    unit: str
+    necessary: bool
+    meaning: str
+
+    def __post_init__(self) -> None:
+        """Refuse what compares nothing."""
+        if self.relation not in _RELATIONS:
+            raise ValueError(
+                f"condition {self.name}: relation = {self.relation!r}; allowed: "
+                f"{', '.join(_RELATIONS)}"
+            )
+
+    @property
+    def holds(self) -> bool:
+        """True if the condition is met."""
+        return bool(_RELATIONS[self.relation](self.value, self.limit))
+
+
+def advisable(name: str, value: float, limit: float, unit: str, meaning: str) -> Condition:
+    """Condition ``value ≤ limit`` that may be violated, with a warning: it is advice."""
+    return Condition(name, value, limit, "≤", unit, False, meaning)
+
+
+@dataclass(frozen=True)
+class Task:
+    """The rest of the craft, and what is asked of it: what a component's conditions may look at.
+
+    Attributes
+    ----------
+    craft : mapping of str to value
+        Checked values of the parameters that the selected parts of the craft have, by name.
+    error : tuple of float
+        Attitude error q_e at the start, x y z w.
+    duration : float
+        Length of the run [s]; 0 if it has no end.
+    desired_rate : float or None
+        Largest ‖ω_d‖ [rad/s]; None if nobody knows it.
+    slews_from : float or None
+        When the first slew begins [s], infinite if none is scheduled; None without slews.
+    actuator_torque : float
+        Torque on an axis [N·m] that the actuator gives in any direction; of one that does not tell
+        it is what the law may ask for.
+    torque : float
+        The lesser of it and what the law may ask for [N·m].
+    hold : float
+        Time [s] for which an answer to an error holds: a step, or a period of thrusters.
+    first_answer : float
+        How many times the acceleration that a law counts on a torque gives at first, at most:
+        flexible modes follow later. Without them it is 1.
+    attitude_sigma, rate_sigma : float
+        σ of the noise in the law's errors [1], [rad/s] on the worst axis; 0 if nobody knows it.
+    rate_limit : float or None
+        Required bound of ‖ω_s‖ [deg/s].
+    settled : tuple of float
+        Required limits of max_i |q_ev,i| and ‖q_ev‖.
+    deadline : float
+        When the error must be within them [s].
+    wish : str
+        What must settle, for a reader.
+    """
+
+    craft: Mapping[str, Any]
+    error: tuple[float, float, float, float]
+    duration: float
+    desired_rate: float | None
+    slews_from: float | None
+    actuator_torque: float
+    torque: float
+    hold: float
+    first_answer: float
+    attitude_sigma: float
+    rate_sigma: float
+    rate_limit: float | None
+    settled: tuple[float, float]
+    deadline: float
+    wish: str
+
+    def settles(self, name: str, needs: float, who: str) -> Iterator[Condition]:
+        """Compare the least time [s] that somebody needs to settle with the deadline.
+
+        Nothing is asked of a craft that starts within the required accuracy.
+        """
+        x, y, z, _ = self.error
+        component, whole = self.settled
+        if max(abs(x), abs(y), abs(z)) <= component and math.hypot(x, y, z) <= whole:
+            return
+        rest = self.deadline - needs
+        left = f"which leaves {rest:.3g} s" if rest >= 0.0 else f"which is {-rest:.3g} s too few"
+        asked = f"you ask {self.deadline:g} s"
+        meaning = f"{self.wish} needs {needs:.3g} s at best {who}; {asked}, {left}"
+        if math.isinf(needs):
+            meaning = f"{self.wish} is not reached within an hour {who}; {asked}"
+        yield Condition(name, needs, self.deadline, "≤", "s", True, meaning)
