@@ -224,13 +224,13 @@ main.run()
     [
         ("simulate", "command_line.commands.simulate.simulate"),
         pytest.param("sweep", "command_line.commands.sweep.simulate", marks=long),
-        ("check", "command_line.commands.check.first_instant"),
+        pytest.param("check", "command_line.commands.check.first_instant", marks=long),
         ("run", "command_line.recording.warm_up"),
         pytest.param("campaign", "command_line.commands.campaign.warm_up", marks=long),
-        ("campaign --only 1", "campaign.rows.simulate"),
+        pytest.param("campaign --only 1", "campaign.rows.simulate", marks=long),
         pytest.param("design --controller ppc", "command_line.gain_search.warm_up", marks=long),
-        ("design --controller ppc", "campaign.tuning.simulate"),
-        ("falsify", "falsify.search.simulate"),
+        pytest.param("design --controller ppc", "campaign.tuning.simulate", marks=long),
+        pytest.param("falsify", "falsify.search.simulate", marks=long),
     ],
 )
 def test_an_end_while_a_step_computes_for_ever(

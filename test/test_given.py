@@ -80,16 +80,20 @@ def test_a_quaternion_that_is_nearly_a_unit_one_is_normalised(of: Callable[[], C
 NONE = (0.0, 0.0, 0.0, 0.0)
 TAKEN = [
     (ATTITUDE, NONE),  # nobody knows it
-    (column(FIX), (*NONE, -1.0, 0.0, 0.0)),
+    (column(FIX, late=True), (*NONE, -1.0, 0.0, 0.0, 0.5)),
     (column(FIX, late=True), (*NONE, 0.0, 0.0, 0.0, 0.0)),
     (column(GYRO), (0.0, 0.0, 0.0, -1.0)),
-    (column(VECTOR, late=True), (1.0, 2.0, 3.0, 0.5)),
+    (column(VECTOR, width=2, late=True), (1.0, 0.5)),
     (column(VECTOR, width=2, late=True), (0.0, 0.0)),
 ]
 REFUSED = [
     (ATTITUDE, (0.0, 0.0, 0.0, 1.1), f"attitude = (0.0, 0.0, 0.0, 1.1); {UNIT}, or zeros where"),
     (column(QUATERNION), NONE, f"given = (0.0, 0.0, 0.0, 0.0); {UNIT}"),
-    (column(FIX), (0.0, 0.0, 0.0, 1.0, -1.0, 0.0, 0.0), f"1.0, -1.0, 0.0, 0.0); {UNIT} with vari"),
+    (
+        column(FIX, late=True),
+        (0.0, 0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.5),
+        f"1.0, -1.0, 0.0, 0.0, 0.5); {UNIT} with vari",
+    ),
     (column(GYRO), (0.1, 0.0, 0.0, -1.0), "(0.1, 0.0, 0.0, -1.0); allowed: finite numbers, a v"),
     (column(VECTOR, width=2, late=True), (1.0, 1e20), "magnitudes up to 1e+30, 1e+08 s old"),
     (column(VECTOR, width=2, late=True), (math.nan, 0.1), "(nan, 0.1); allowed: finite numbers"),

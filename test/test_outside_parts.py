@@ -19,8 +19,9 @@ import math
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 from campaign_helpers import rows_of
@@ -50,30 +51,63 @@ OWN = {
     "environment_torque",
     "torque_use",
 }
+COMMAND = "import sys; from ppc_attitude.command_line.main import main; sys.exit(main())"
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
-# Several commands in one process.
+class Told(NamedTuple):
+    """What a command leaves."""
+
+    code: int
+    out: str
+    err: str
+
+
+Tell = Callable[..., Told]
+
+
+# Commands in a process whose package is that of somebody else's.
 EACH = """
-import shlex, sys
+import json, os, shlex, sys
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
 from ppc_attitude.command_line.main import main
-sys.exit(max([main(shlex.split(each)) for each in sys.argv[1:]]))
+for line in sys.stdin:
+    folder, words = json.loads(line)
+    os.chdir(folder)
+    out, err = StringIO(), StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        code = main(shlex.split(words))
+    print(json.dumps((code, out.getvalue(), err.getvalue())), flush=True)
 """
+MISFITTING = {
+    "sensors": ("failing", "hasty", "sure"),
+    "estimators": ("bounded", "quiet"),
+    "controllers": ("beyond_column", "blind", "chatty", "listening", "margin"),
+    "environments": ("gusty", "table"),
+    "plants": ("unnamed", "unnamed_wheels"),
+}
+"""Parts that misfit while they run, beside those that fit."""
 
 
-@pytest.fixture
-def run_outside(tmp_path: Path) -> Run:
-    """Run commands, or another script, where the package of somebody else's is installed."""
-    installed = tmp_path / "installed" / "outside_parts-1.0.dist-info"
+def package(folder: Path) -> dict[str, str]:
+    """Environment in which the package of somebody else's is installed, in a folder."""
+    installed = folder / "installed" / "outside_parts-1.0.dist-info"
     installed.mkdir(parents=True)
     (installed / "METADATA").write_text(
         "Metadata-Version: 2.1\nName: outside_parts\nVersion: 1.0\n"
     )
-    name_points(tmp_path, **POINTS)
+    name_points(folder, **POINTS)
     paths = [str(installed.parent), str(OUTSIDE), os.environ.get("PYTHONPATH", "")]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
 
-    def run(*words: str, script: str = EACH, code: int = 0) -> subprocess.CompletedProcess[str]:
+
+@pytest.fixture
+def run_outside(tmp_path: Path) -> Run:
+    """Run a script, or a command, in a process of its own with entry points of its own."""
+    environment = package(tmp_path)
+
+    def run(*words: str, script: str = COMMAND, code: int = 0) -> subprocess.CompletedProcess[str]:
         done = subprocess.run(
             [sys.executable, "-c", script, *words],
             env=environment,
@@ -84,6 +118,36 @@ def run_outside(tmp_path: Path) -> Run:
         )
         assert done.returncode == code, done.stdout + done.stderr
         return done
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def outside(tmp_path_factory: pytest.TempPathFactory) -> Iterator[subprocess.Popen[str]]:
+    """Start a process for commands where all parts are installed, for they share what compiles."""
+    folder = tmp_path_factory.mktemp("outside")
+    environment = package(folder)
+    points = {
+        kind: "\n".join([POINTS[kind], *(f"{each} = misfits:{each}" for each in MISFITTING[kind])])
+        for kind in MISFITTING
+    }
+    name_points(folder, **{**POINTS, **points})
+    script = [sys.executable, "-c", EACH]
+    pipes = dict.fromkeys(("stdin", "stdout"), subprocess.PIPE)
+    with subprocess.Popen(script, env=environment, text=True, **pipes) as process:
+        yield process
+        process.stdin.close()
+
+
+@pytest.fixture
+def tell(outside: "subprocess.Popen[str]", tmp_path: Path) -> Tell:
+    """Run a command there, in the folder of the test: what it prints, and its errors."""
+
+    def run(words: str, code: int = 0) -> Told:
+        print(json.dumps((str(tmp_path), words)), file=outside.stdin, flush=True)
+        told = Told(*json.loads(outside.stdout.readline()))
+        assert told.code == code, told
+        return told
 
     return run
 
@@ -134,7 +198,7 @@ sys.exit(main(["replay", bag, "--json"]))
 @pytest.mark.ros
 @pytest.mark.slow
 def test_parts_from_outside_go_all_the_way(run_outside: Run, tmp_path: Path) -> None:
-    run_outside(f"run {CONFIGS} --duration 2 --bag bag")
+    run_outside(*f"run {CONFIGS} --duration 2 --bag bag".split())
     told = run_outside("bag", *FILES, script=COMPARE).stdout
     columns, _, replay = told.partition("\n")
     assert set(columns.split()) >= OWN
@@ -242,23 +306,15 @@ def test_a_part_that_cannot_be_beside_the_others_is_left_out_and_breaks_nothing(
             assert [problem in line for line in told] == [True] * bool(problem), told
 
 
-def test_an_advice_that_is_none_is_refused_before_anything_runs(
-    run_outside: Run, tmp_path: Path
-) -> None:
-    name_points(tmp_path, controllers="chatty = misfits:chatty")
-    done = run_outside(f"simulate {PAPER} --controller chatty --duration 1", code=2)
-    assert "component chatty: advice raised TypeError: 'well'; allowed: an Advice" in done.stderr
+def test_an_advice_that_is_none_is_refused_before_anything_runs(tell: Tell) -> None:
+    told = tell(f"simulate {PAPER} --controller chatty --duration 1", code=2)
+    assert "component chatty: advice raised TypeError: 'well'; allowed: an Advice" in told.err
 
 
-def test_who_reads_what_is_given_later_hears_what_is_allowed(
-    run_outside: Run, tmp_path: Path
-) -> None:
-    name_points(tmp_path, sensors="hasty = misfits:hasty")
+def test_who_reads_what_is_given_later_hears_what_is_allowed(tell: Tell, tmp_path: Path) -> None:
     choose(tmp_path, "spacecraft_plant", "sensors: hasty")
-    done = run_outside("simulate --config own.yaml --duration 1", code=2)
-    assert (
-        "reads torque_command, which is given later in the instant; allowed: columns" in done.stderr
-    )
+    told = tell("simulate --config own.yaml --duration 1", code=2)
+    assert "reads torque_command, which is given later in the instant; allowed: col" in told.err
 
 
 CAPTIONS = """
@@ -282,30 +338,24 @@ def test_a_report_tells_who_gives_a_bounded_column_and_the_version_of_its_packag
     assert "'outside_parts': '1.0'" in run_outside(script=versions).stdout
 
 
-def test_the_law_is_checked_for_the_reference_that_is_selected(
-    run_outside: Run, tmp_path: Path
-) -> None:
-    commands, bounds = [], []
+def test_the_law_is_checked_for_the_reference_that_is_selected(tell: Tell, tmp_path: Path) -> None:
+    bounds = []
     for rate in (0.0, 0.01):
         turn = f"mode: turn, turn.rate: {rate}, amplitude: [0.5, 0.5, 0.5]"
         choose(tmp_path, "reference_generator", turn, f"turn{rate}.yaml")
-        commands.append(f"check --config turn{rate}.yaml --json")
-    for line in run_outside(*commands).stdout.splitlines():
-        conditions = json.loads(line)["conditions"]
+        conditions = json.loads(tell(f"check --config turn{rate}.yaml --json").out)["conditions"]
         bounds += [each["value"] for each in conditions if each["name"] == "rate bound"]
     assert bounds[0] < 6.0
     assert bounds[1] - bounds[0] == pytest.approx(math.degrees(0.01))
 
 
-def test_a_law_is_judged_by_its_own_bounds(run_outside: Run, tmp_path: Path) -> None:
-    name_points(tmp_path, controllers="margin = misfits:margin")
+def test_a_law_is_judged_by_its_own_bounds(tell: Tell, tmp_path: Path) -> None:
     given = f"{PAPER} --controller"
-    runs = [f"simulate {given} {law} --duration 1 --json" for law in ("margin", "ppc")]
+    run = f"simulate {given} {{}} --duration 1 --json"
+    simulated = [tell(run.format(law), code).out for law, code in (("margin", 1), ("ppc", 0))]
     (tmp_path / "one.yaml").write_text("campaign: {initial_attitude: so3}\n")
     campaign = f"campaign {given} margin --campaign one.yaml --duration 1 --runs 2 --out c --json"
-    done = run_outside(*runs, campaign, code=1)
-    *simulated, summary = done.stdout.splitlines()
-    told = [each["name"] for each in json.loads(summary)["requirements"]]
+    told = [each["name"] for each in json.loads(tell(campaign, code=1).out)["requirements"]]
     assert told.count("attitude error outside its envelope") == 1
     metrics = json.loads(simulated[0])["metrics"]
     assert metrics["time_outside_attitude_envelope_s"] == 0.51
@@ -323,31 +373,20 @@ def test_a_law_is_judged_by_its_own_bounds(run_outside: Run, tmp_path: Path) -> 
 
 
 def test_a_sweep_tells_the_envelopes_that_the_components_declare(
-    run_outside: Run, tmp_path: Path
+    tell: Tell, tmp_path: Path
 ) -> None:
     """Also one of an estimator, whatever the law."""
-    both = f"{POINTS['estimators']}\nbounded = misfits:bounded"
-    name_points(tmp_path, **{**POINTS, "estimators": both})
     choose(tmp_path, "/**", "estimator: bounded")
     given = f"sweep {CONFIGS} --config own.yaml --pulse-durations 0.1 --at 1 --duration 2"
-    told = run_outside(given, f"{given} --json").stdout.splitlines()
-    head = next(line for line in told if line.startswith("hit [s]"))
+    head = next(line for line in tell(given).out.splitlines() if line.startswith("hit [s]"))
     assert "z2 outside [s]  rate change outside [s]  verdict" in head
-    (hit,) = json.loads(told[-1])["hits"]
+    (hit,) = json.loads(tell(f"{given} --json").out)["hits"]
     assert hit["time_outside_rate_envelope_s"] is None
     assert hit["time_outside_rate_limit_s"] > 0.0
 
 
-def select_unnamed_plant(tmp_path: Path) -> None:
-    """Let own.yaml select a plant that has none of our parameters."""
-    name_points(tmp_path, plants="unnamed = misfits:unnamed")
+def test_check_takes_no_inertia_of_a_plant_that_does_not_run(tell: Tell, tmp_path: Path) -> None:
     choose(tmp_path, "spacecraft_plant", "plant: unnamed")
-
-
-def test_check_takes_no_inertia_of_a_plant_that_does_not_run(
-    run_outside: Run, tmp_path: Path
-) -> None:
-    select_unnamed_plant(tmp_path)
     goal = "mode: goal, goals.times: [1.0], goals.attitudes: [0.0, 0.0, 0.0, 1.0]"
     choose(tmp_path, "reference_generator", goal, "goal.yaml")
     paper = f"check {PAPER}"
@@ -356,10 +395,9 @@ def test_check_takes_no_inertia_of_a_plant_that_does_not_run(
         for each in (paper, f"{paper} --config goal.yaml")
         for own in ("", "--config own.yaml")
     ]
-    name_points(tmp_path, plants="unnamed = misfits:unnamed\nwheeled = misfits:unnamed_wheels")
     choose(tmp_path, "spacecraft_plant", "plant: unnamed_wheels", "wheeled.yaml")
     wheels = f"{paper} --config {CONFIG / 'wheels.yaml'}"
-    told = run_outside(*checks, wheels, f"{wheels} --config wheeled.yaml").stdout
+    told = "".join(tell(each).out for each in (*checks, wheels, f"{wheels} --config wheeled.yaml"))
     assert told.count("torque authority") == 6
     assert told.count("speed of a wheel") == 1
     assert told.count("last goal") == 2
@@ -367,89 +405,58 @@ def test_check_takes_no_inertia_of_a_plant_that_does_not_run(
     assert told.count("slew torque") == 1
 
 
-def test_a_campaign_draws_nothing_of_parts_that_do_not_run(
-    run_outside: Run, tmp_path: Path
-) -> None:
-    select_unnamed_plant(tmp_path)
+def test_a_campaign_draws_nothing_of_parts_that_do_not_run(tell: Tell, tmp_path: Path) -> None:
+    choose(tmp_path, "spacecraft_plant", "plant: unnamed")
     (tmp_path / "one.yaml").write_text("campaign: {rate_noise: 1e-6}\n")
     campaign = f"campaign {PAPER} --campaign one.yaml --duration 1 --only 0"
-    done = run_outside(campaign, f"{campaign} --config own.yaml")
-    ours, theirs = [line for line in done.stdout.splitlines() if line.startswith("drawn: ")]
+    told = tell(campaign).out + tell(f"{campaign} --config own.yaml").out
+    ours, theirs = [line for line in told.splitlines() if line.startswith("drawn: ")]
     assert "initial_error_angle" in ours
     assert "inertia_error" in ours
     assert theirs.split(", ")[0] == "drawn: actuator_strength 1"
     assert theirs.endswith("rate_noise 1e-06")
 
 
-def test_each_run_of_a_campaign_has_noise_of_its_own(run_outside: Run, tmp_path: Path) -> None:
+def test_each_run_of_a_campaign_has_noise_of_its_own(tell: Tell, tmp_path: Path) -> None:
     """An environment that depends on time and on its seed alone was the same in all runs."""
-    name_points(tmp_path, environments="gusty = misfits:gusty")
     choose(tmp_path, INJECTOR, "environment: gusty")
     (tmp_path / "nothing.yaml").write_text("campaign: {}\n")
     campaign = f"campaign {PAPER} --config own.yaml --campaign nothing.yaml --duration 1"
-    done = run_outside(f"{campaign} --runs 2 --workers 1 --out out", f"{campaign} --only 1 --json")
-    alone = json.loads(done.stdout.splitlines()[-1])["metrics"]
+    tell(f"{campaign} --runs 2 --workers 1 --out out")
+    alone = json.loads(tell(f"{campaign} --only 1 --json").out)["metrics"]
     assert rows_of(tmp_path / "out")[1]["max_rate_deg_s"] == alone["max_rate_deg_s"]
 
 
-def test_a_law_that_reads_neither_attitude_nor_rate_flies(run_outside: Run, tmp_path: Path) -> None:
-    name_points(tmp_path, controllers="blind = misfits:blind")
+def test_a_law_that_reads_neither_attitude_nor_rate_flies(tell: Tell) -> None:
     given = f"{PAPER} --controller blind"
-    done = run_outside(f"simulate {given} --duration 0.1 --json", f"check {given}")
-    flown, _, checked = done.stdout.partition("\n")
-    assert json.loads(flown)["controller"] == "blind"
-    assert "initial attitude error x y z w: -0.22952, 0.25933" in checked, done.stderr
+    assert json.loads(tell(f"simulate {given} --duration 0.1 --json").out)["controller"] == "blind"
+    assert "initial attitude error x y z w: -0.22952, 0.25933" in tell(f"check {given}").out
 
 
-def test_a_law_that_hears_its_estimator_later_is_checked_too(
-    run_outside: Run, tmp_path: Path
-) -> None:
+def test_a_law_that_hears_its_estimator_later_is_checked_too(tell: Tell, tmp_path: Path) -> None:
     """As if told the truth there would be no estimator, and nothing that the law reads."""
-    name_points(
-        tmp_path,
-        estimators="quiet = misfits:quiet",
-        controllers="listening = misfits:listening",
-        sensors=POINTS["sensors"],
-    )
     choose(tmp_path, "/**", "sensors: rounding, estimator: quiet, controller: listening")
-    done = run_outside(f"check {PAPER} --config own.yaml")
-    assert "initial attitude error x y z w: -0.22952, 0.25933" in done.stdout, done.stderr
+    told = tell(f"check {PAPER} --config own.yaml")
+    assert "initial attitude error x y z w: -0.22952, 0.25933" in told.out
 
 
 def test_the_truth_is_on_record_whatever_sensors_from_outside_say_of_themselves(
-    run_outside: Run, tmp_path: Path
+    tell: Tell, tmp_path: Path
 ) -> None:
     """These round, and the estimator behind them takes the mean of two rates."""
-    name_points(tmp_path, **{**POINTS, "sensors": "sure = misfits:sure"})
     choose(tmp_path, "spacecraft_plant", "sensors: sure")
     command = f"simulate {CONFIGS} --config own.yaml --duration 1 --json"
-    told = json.loads(run_outside(command).stdout)
+    told = json.loads(tell(command).out)
     assert told["truth"] == "recorded"
     knowledge = next(each for each in told["errors"] if each["name"] == "knowledge")
     assert knowledge["max_deg"] > 0.0
 
 
-RAISING = """
-from ppc_attitude.science.component import Component
-from ppc_attitude.science.kernel import kernel
-from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
-
-@kernel
-def step(inputs, state, configuration, outputs):
-    if inputs.t > 0.1:
-        raise ValueError("beyond my table")
-
-ENVIRONMENT = Component(name="table", outputs=(ENVIRONMENT_TORQUE,), step=step)
-"""
-
-
-def test_a_run_fails_where_the_step_of_a_part_raises(run_outside: Run, tmp_path: Path) -> None:
-    (tmp_path / "installed" / "alone.py").write_text(RAISING)
-    name_points(tmp_path, environments="table = alone:ENVIRONMENT")
+def test_a_run_fails_where_the_step_of_a_part_raises(tell: Tell, tmp_path: Path) -> None:
     choose(tmp_path, "disturbance_injector", "environment: table")
-    done = run_outside("simulate --duration 0.5 --config own.yaml", code=3)
-    assert "diverged: angular velocity (nan, nan, nan)" in done.stderr
-    assert "at 0.11 s; the step of component table raised ValueError: beyond my" in done.stderr
+    told = tell("simulate --duration 0.5 --config own.yaml", code=3)
+    assert "diverged: angular velocity (nan, nan, nan)" in told.err
+    assert "at 0.11 s; the step of component table raised ValueError: beyond my" in told.err
 
 
 @pytest.mark.ros
@@ -457,13 +464,13 @@ def test_a_run_names_sensors_that_fail(run_outside: Run, tmp_path: Path) -> None
     """Not the estimator that refuses what they give, nor the plant that waits for it in vain."""
     name_points(tmp_path, **{**POINTS, "sensors": "failing = misfits:failing"})
     choose(tmp_path, "spacecraft_plant", "sensors: failing")
-    done = run_outside(f"run {CONFIGS} --config own.yaml --duration 1 --bag bag", code=3)
+    run = f"run {CONFIGS} --config own.yaml --duration 1 --bag bag"
+    done = run_outside(*run.split(), code=3)
     assert "spacecraft_plant ended with exit code 3: at t = 0.110 s failing g" in done.stderr
     assert "the step of component failing raised ValueError: the cap is on" in done.stderr
 
 
-def test_a_step_that_writes_beyond_its_column_fails(run_outside: Run, tmp_path: Path) -> None:
+def test_a_step_that_writes_beyond_its_column_fails(tell: Tell) -> None:
     """It would be the memory of others."""
-    name_points(tmp_path, controllers="beyond_column = misfits:beyond_column")
-    done = run_outside(f"simulate {PAPER} --controller beyond_column --duration 0.1", code=3)
-    assert "component beyond_column raised IndexError: index is out of bounds" in done.stderr
+    told = tell(f"simulate {PAPER} --controller beyond_column --duration 0.1", code=3)
+    assert "component beyond_column raised IndexError: index is out of bounds" in told.err

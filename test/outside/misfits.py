@@ -29,7 +29,7 @@ from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.parameter import Parameter, filled, record_type
 from ppc_attitude.science.plants.gyrostat import COMPONENT as GYROSTAT
 from ppc_attitude.science.sensors.direct import SEED
-from ppc_attitude.science.signals import REFERENCE_ATTITUDE, TORQUE_COMMAND
+from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, REFERENCE_ATTITUDE, TORQUE_COMMAND
 from ppc_attitude.science.wheels import PARAMETERS as WHEELS
 
 LAW, PLANT, SENSORS = outside_parts.LAW, outside_parts.PLANT, outside_parts.SENSORS
@@ -98,6 +98,13 @@ def step_failing_sensors(inputs: Any, state: Any, configuration: Any, outputs: A
     outside_parts.step_sensors(inputs, state, configuration, outputs)
     if inputs.t > 0.1:
         raise ValueError("the cap is on")
+
+
+@kernel
+def step_table(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    """Know nothing of what comes after a while."""
+    if inputs.t > 0.1:
+        raise ValueError("beyond my table")
 
 
 RATE_LIMIT = Column("rate_limit", "mine/rate_limit", VECTOR, BODY, "rad/s", "limit", width=1)
@@ -172,6 +179,7 @@ MADE: dict[str, Callable[[], Component]] = {
         step=step_gusty,
         bound=None,
     ),
+    "table": lambda: Component(name="", outputs=(ENVIRONMENT_TORQUE,), step=step_table),
     "listening": lambda: replace(LAW, inputs=(*LAW.inputs, outside_parts.RATE_CHANGE)),
     "chatty": lambda: replace(LAW, advice=lambda _: "well"),
     "blind": lambda: Component(
