@@ -37,7 +37,7 @@ from ppc_attitude.simulation.scenario import Scenario, load
 
 INERTIA = [0.18, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.12]
 CUBESAT: dict[str, dict[str, Any]] = {
-    PLANT: {"inertia": INERTIA, "max_torque": 0.002, "min_torque": 1e-6},
+    PLANT: {"inertia": INERTIA, "max_torque": 0.002, "min_torque": 1e-6, "duration": 120.0},
     CONTROLLER: {"inertia": INERTIA, "max_torque": 0.002, "D_m": 1e-4},
     INJECTOR: {"environment": False},
 }
