@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from truth_tables import columns, table
 
 from ppc_attitude.science.attitude import conjugate, product, rotate
-from ppc_attitude.science.guidance.frames import FRAME_NAMES, INERTIAL, NADIR, SPIN, SUN
+from ppc_attitude.science.guidance.frames import FRAME_NAMES, INERTIAL, NADIR, SPIN, SUN, frame_at
 from ppc_attitude.science.guidance.goals import (
     ACCEPTED,
     CROSSES,
@@ -35,7 +35,7 @@ from ppc_attitude.science.guidance.goals import (
     hold,
     pursue,
 )
-from ppc_attitude.science.guidance.rotation import axis_and_angle
+from ppc_attitude.science.guidance.rotation import about, axis_and_angle
 from ppc_attitude.science.guidance.trajectory import follow, points, quintic
 from ppc_attitude.science.keep_out import NADIR as TO_EARTH
 from ppc_attitude.science.keep_out import angle_between
@@ -276,6 +276,19 @@ def test_craft_keeps_away_from_earth_on_the_whole_way(frame: int) -> None:
         stops += outcome == ACCEPTED and plan["count"] > 2
     assert outcomes.count(ACCEPTED) > 15
     assert stops > 0
+
+
+@pytest.mark.parametrize("begin", [-115.0, -30.0])
+def test_goal_beside_earth_is_judged_by_where_earth_is_at_arrival(begin: float) -> None:
+    """Until then Earth moves by 6° in inertial axes; the second start is inside the cone."""
+    y, z = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+    configuration = with_cones([(z, TO_EARTH, (0.0, 0.0, 0.0), 40.0 * DEGREE)])
+    state = begun(STRAIGHT)
+    spinning, sky, cursor = active(state)["spinning"], configuration["sky"], state["look"]["now"]
+    nadir = frame_at(0.0, NADIR, spinning, sky, cursor)[0][0]
+    state = begun(product(nadir, about(y, begin * DEGREE)))
+    goal = about(y, 43.0 * DEGREE)
+    assert pursue(0.0, NADIR, goal, configuration, state) == ACCEPTED
 
 
 def test_timed_profile_goes_through_its_points() -> None:

@@ -269,7 +269,7 @@ def _search(nodes: Any, root: int, cones: Any, directions: Any, limits: Any) -> 
 
 @kernel
 def route(
-    start: Quaternion, goal: Quaternion, cones: Any, directions: Any, limits: Any
+    start: Quaternion, goal: Quaternion, cones: Any, directions: Any, limits: Any, leaving: int = 0
 ) -> tuple[int, Any, Any, Any]:
     """Turns from rest to rest that lead from one attitude to another and keep all cones.
 
@@ -281,6 +281,8 @@ def route(
         Record of dtype `CONES`, and its directions now, shape (count, 3).
     limits
         Record of dtype `LIMITS`.
+    leaving
+        Bits of cones that the start is inside of, if they have other directions then.
 
     Returns
     -------
@@ -292,7 +294,7 @@ def route(
     attitudes, axes, angles = np.empty((0, 4)), np.empty((0, 3)), np.empty(0)
     if violated(goal, cones, directions, 0.0) >= 0:
         return GOAL_INSIDE, attitudes, axes, angles
-    inside = cones_around(start, cones, directions)
+    inside = leaving | cones_around(start, cones, directions)
     nodes = np.empty((2, 4))
     store_quaternion(nodes[0], start)
     store_quaternion(nodes[1], goal)

@@ -194,11 +194,13 @@ def _approach(t: float, trial: Any, motion: Motion, guidance: Any, state: Any) -
 
 
 @kernel
-def _detour(t: float, arrival: float, trial: Any, motion: Motion, guidance: Any, state: Any) -> int:
+def _detour(
+    t: float, arrival: float, ahead: bool, trial: Any, motion: Motion, guidance: Any, state: Any
+) -> int:
     """Fill a plan with a brake to a stand, stops beside the cones, and the way to its goal.
 
     A goal in a moving frame is planned to where it is at arrival, found by fixed-point rounds from
-    a first guess [s].
+    a first guess [s]. The cones are taken where they are now, or `ahead`, at arrival.
     """
     limits, sky, look, cones = guidance.limits, guidance.sky, state.look, guidance.cones
     moving = trial.frame != INERTIAL
@@ -210,12 +212,15 @@ def _detour(t: float, arrival: float, trial: Any, motion: Motion, guidance: Any,
     braked = trial.count
     begin_turns = trial.end
     stand = _standing_attitude(trial, motion)
+    leaving = cones_around(stand, cones, directions)
     goal = quaternion(trial.attitude)
     for _ in range(_ROUNDS if moving else 1):
         if moving:
             look.ahead = look.now
             goal = goal_at(arrival, trial, sky, look.ahead)
-        outcome, attitudes, axes, angles = route(stand, goal, cones, directions, limits)
+        if ahead:
+            directions = directions_at(arrival, cones, sky, look.ahead)
+        outcome, attitudes, axes, angles = route(stand, goal, cones, directions, limits, leaving)
         if outcome == GOAL_INSIDE:
             i = violated(goal, cones, directions, 0.0)
             state.cone = i
@@ -272,8 +277,12 @@ def plan_to(t: float, frame: int, attitude: Quaternion, guidance: Any, state: An
         if outcome == ACCEPTED:
             return ACCEPTED
         arrival = trial.end
+    for ahead in (False, True):
         _aim(t, frame, attitude, trial, guidance, state)
-    return _detour(t, arrival, trial, motion, guidance, state)
+        outcome = _detour(t, arrival, ahead, trial, motion, guidance, state)
+        if outcome == ACCEPTED or frame == INERTIAL:
+            break
+    return outcome
 
 
 @kernel
