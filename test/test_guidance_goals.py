@@ -37,8 +37,8 @@ from ppc_attitude.science.guidance.goals import (
 )
 from ppc_attitude.science.guidance.rotation import about, axis_and_angle
 from ppc_attitude.science.guidance.trajectory import follow, points, quintic
+from ppc_attitude.science.keep_out import FIXED, angle_between
 from ppc_attitude.science.keep_out import NADIR as TO_EARTH
-from ppc_attitude.science.keep_out import angle_between
 from ppc_attitude.science.orbit import orbit_at
 
 PAPER = (0.155396346674834, 0.42708995923308624, 0.47918873440527965, 0.7508823469635318)
@@ -278,17 +278,21 @@ def test_craft_keeps_away_from_earth_on_the_whole_way(frame: int) -> None:
     assert stops > 0
 
 
-@pytest.mark.parametrize("begin", [-115.0, -30.0])
-def test_goal_beside_earth_is_judged_by_where_earth_is_at_arrival(begin: float) -> None:
-    """Until then Earth moves by 6° in inertial axes; the second start is inside the cone."""
+@pytest.mark.parametrize(
+    ("begin", "goal", "about_what"), [(-115, 43, TO_EARTH), (-30, 43, TO_EARTH), (39, 0, FIXED)]
+)
+def test_goal_is_judged_by_where_it_and_the_cones_are_at_arrival(
+    begin: float, goal: float, about_what: int
+) -> None:
+    """Until then Earth moves by some degrees in inertial axes; two starts are inside the cone."""
     y, z = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-    configuration = with_cones([(z, TO_EARTH, (0.0, 0.0, 0.0), 40.0 * DEGREE)])
     state = begun(STRAIGHT)
-    spinning, sky, cursor = active(state)["spinning"], configuration["sky"], state["look"]["now"]
-    nadir = frame_at(0.0, NADIR, spinning, sky, cursor)[0][0]
-    state = begun(product(nadir, about(y, begin * DEGREE)))
-    goal = about(y, 43.0 * DEGREE)
-    assert pursue(0.0, NADIR, goal, configuration, state) == ACCEPTED
+    spinning, look = active(state)["spinning"], state["look"]["now"]
+    nadir = frame_at(0.0, NADIR, spinning, guidance()["sky"], look)[0][0]
+    start = product(nadir, about(y, begin * DEGREE))
+    configuration = with_cones([(z, about_what, rotate(start, z), 40.0 * DEGREE)])
+    attitude = about(y, goal * DEGREE)
+    assert pursue(0.0, NADIR, attitude, configuration, begun(start)) == ACCEPTED
 
 
 def test_timed_profile_goes_through_its_points() -> None:

@@ -268,9 +268,8 @@ def plan_to(t: float, frame: int, attitude: Quaternion, guidance: Any, state: An
         return outcome
     if guidance.cones.count == 0:
         return _approach(t, trial, motion, guidance, state)
-    directions = directions_at(t, guidance.cones, guidance.sky, state.look.now)
     arrival = t
-    if frame != INERTIAL and cones_around(motion[0], guidance.cones, directions) == 0:
+    if frame != INERTIAL:
         outcome = _approach(t, trial, motion, guidance, state)
         if outcome == ACCEPTED:
             outcome = kept_clear(trial, t, t, NO_CONE, guidance, state)
