@@ -106,6 +106,17 @@ def test_a_folder_of_another_search_is_refused(tmp_path: Path) -> None:
         search(space_of(duration=3.0), tmp_path, 20)
 
 
+def test_answers_of_a_law_that_was_changed_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The largest of the old answers was told of a case that does not give it."""
+    space = space_of(duration=2.0)
+    search(space, tmp_path, 20)
+    monkeypatch.setattr("ppc_attitude.falsify.search.evaluated", lambda *_: 0.125)
+    with pytest.raises(ConfigurationError, match=r"its worst case gave .* and gives 0\.125 now"):
+        search(space, tmp_path, 20)
+
+
 def test_two_searches_at_once_in_a_folder_are_refused(tmp_path: Path) -> None:
     space = space_of(duration=2.0)
     one, other = (Search(space, Goal("terminal"), tmp_path, seed=1) for _ in range(2))

@@ -17,6 +17,7 @@
 import fcntl
 import hashlib
 import json
+import math
 import os
 import threading
 import time
@@ -43,6 +44,7 @@ _WIDTH = 0.5  # deviation of the first generation, of numbers of the order of on
 _STALE = 40
 _WORST = 1e9  # more than any goal reaches
 _GLANCE = 0.1  # [s] between looks at the wish to stop
+_SAME = 1e-6  # relative: on another processor the last digits differ
 
 
 @dataclass(frozen=True)
@@ -136,24 +138,34 @@ class Search:
         Raises
         ------
         ConfigurationError
-            Another search uses the folder, or its file has been changed.
+            Another search uses the folder, its file has been changed, or its worst case flies
+            otherwise now.
         """
         end = time.monotonic() + seconds
         best = Found(0, -np.inf, np.zeros(self._space.size))
         value = partial(evaluated, self._space, self._goal)
+
+        def flown(choices: list[Array]) -> list[float] | None:
+            flights = [executor.submit(value, each) for each in choices]
+            while wait(flights, timeout=_GLANCE).not_done:
+                check()
+                if stop.is_set():
+                    return None
+            return [each.result() for each in flights]
+
         with self._locked() as file:
-            answers = iter(self._read())
+            known = self._read()
+            answers = iter(known)
             for strategy, questions in self._generations():
                 values = next(answers, None)
                 if values is None:
+                    if known and (again := flown([best.x])):
+                        self._see_that_it_repeats(best.value, again[0])
+                    known = []
                     if best.runs >= runs or stop.is_set() or time.monotonic() > end:
                         return
-                    flown = [executor.submit(value, each) for each in questions]
-                    while wait(flown, timeout=_GLANCE).not_done:
-                        check()
-                        if stop.is_set():
-                            return
-                    values = [each.result() for each in flown]
+                    if (values := flown(questions)) is None:
+                        return
                     file.write(json.dumps(values) + "\n")
                     file.flush()
                 if len(values) != len(questions):
@@ -165,6 +177,14 @@ class Search:
                 if values[top] > best.value:
                     best = replace(best, value=values[top], x=questions[top])
                 yield best
+
+    def _see_that_it_repeats(self, before: float, now: float) -> None:
+        """Refuse answers that a law had before it was changed, or to what is no longer asked."""
+        if not math.isclose(now, before, rel_tol=_SAME):
+            raise ConfigurationError(
+                f"{self._file}: its worst case gave {before:g} and gives {now:g} now, so that the "
+                "law, a component or a version has changed: choose another folder"
+            )
 
     def _generations(self) -> Iterator[tuple[Any, list[Array]]]:
         """Yield an optimiser and what it asks, with a new one elsewhere when its search ends."""
