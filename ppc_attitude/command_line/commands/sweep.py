@@ -165,7 +165,7 @@ def _print_table(
         )
     )
     if not settled:
-        print("The craft has not settled when it is hit, so that it cannot recover.")
+        print("The craft has not settled when it is hit, so that its times include settling.")
     seen = round(hits.length - hits.at, 9)
     judged = seen >= required.recovery  # before, the error of a hit may still grow
     if not judged:
