@@ -25,13 +25,16 @@ from conftest import Ask
 from craft_helpers import case, configs, overlay
 
 from ppc_attitude.analysis.requirements import Accuracy, Requirements
+from ppc_attitude.command_line.commands import check
 from ppc_attitude.command_line.environment_load import environment_torque, wheel_conditions
 from ppc_attitude.command_line.proportions import conditions_of
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
-from ppc_attitude.science.conditions import Condition
+from ppc_attitude.science.conditions import Condition, advisable
 from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND
 from ppc_attitude.science.kernel import Quaternion
-from ppc_attitude.science.kinds import ENVIRONMENTS
+from ppc_attitude.science.kinds import ENVIRONMENTS, PLANTS
+from ppc_attitude.science.multibody import COUPLING
+from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.simulation.closed_loop import first_instant, simulate
 from ppc_attitude.simulation.scenario import Scenario, load
 
@@ -74,6 +77,22 @@ def told_by_check(ask: Ask, *files: Path, code: int = 0) -> dict[str, dict[str, 
     """What `check` says of configuration files, by name."""
     told = ask("check", *(f"--config={file}" for file in files), "--json", code=code)
     return {each["name"]: each for each in told.json["conditions"]}
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"value": None}, {"limit": "much"}, {"value": np.ones(2)}, {"unit": None}, {"relation": "<="}],
+)
+def test_a_condition_that_nobody_could_tell_is_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=r"name='mine', .*; allowed: numbers, >, ≥, ≤ between"):
+        replace(advisable("mine", 1.0, 2.0, "", "it holds"), **wrong)
+
+
+def test_json_has_no_number_that_is_infinite(ask: Ask, monkeypatch: pytest.MonkeyPatch) -> None:
+    endless = advisable("mine", np.float32(0.5), math.inf, "", "it holds")  # type: ignore[arg-type]
+    monkeypatch.setattr(check, "conditions_of", lambda *_: [endless])
+    told = told_by_check(ask, *configs("paper"))["mine"]
+    assert (told["value"], told["limit"], told["holds"]) == (0.5, None, True)
 
 
 @pytest.fixture
@@ -246,6 +265,15 @@ def test_a_loop_that_swings_because_modes_follow_later_is_warned_of(
     assert bool(warned(loop)) == swings
     torque = np.abs(simulate(loop, 120.0)["torque_command"][-500:])
     assert bool(torque.max() > 0.02) == swings  # the environment has up to 4.4 mN·m
+
+
+def test_a_plant_of_somebody_elses_with_modes_may_have_any_record(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given = rigid_body.COMPONENT.extended("flexible", parameters=(COUPLING,), step=print)
+    bending = case("flexible")
+    monkeypatch.setitem(PLANTS.components, "flexible", given)
+    assert by_name(bending)["answer to z2"].holds
 
 
 @pytest.mark.parametrize(("period", "swings"), [(0.9, False), (1.1, True)])

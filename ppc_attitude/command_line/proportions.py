@@ -23,7 +23,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ppc_attitude.analysis.requirements import Requirements
-from ppc_attitude.contract.declared import components_of, has_parameter
+from ppc_attitude.contract.declared import components_of
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.conditions import Condition, Task, advisable
 from ppc_attitude.science.controllers.common import (
@@ -141,10 +141,12 @@ def _first_answer(scenario: Scenario) -> float:
     It moves J − Σ J_s a aᵀ − δᵀδ, and flexible modes follow later; without modes it is 1.
     """
     plant = scenario.parameters[PLANT]
-    if not (has_parameter(PLANT, plant, COUPLING.name) and plant[COUPLING.name]):
+    craft = PLANTS.components[plant["plant"]]
+    modes = COUPLING.name in craft.defaults and plant[COUPLING.name]
+    if not modes or "body" not in (craft.configuration.names or ()):  # of somebody else's
         return 1.0
     known = inertia_matrix("inertia", scenario.parameters[CONTROLLER]["inertia"])
-    inverse = PLANTS.components[plant["plant"]].configure(plant)["body"]["inertia_inverse"]
+    inverse = craft.configure(plant)["body"]["inertia_inverse"]
     return float(np.linalg.eigvals(inverse @ known).real.max())
 
 

@@ -18,6 +18,7 @@ import math
 import operator
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 _RELATIONS: dict[str, Callable[[float, float], bool]] = {
@@ -56,12 +57,15 @@ class Condition:
     meaning: str
 
     def __post_init__(self) -> None:
-        """Refuse what compares nothing."""
-        if self.relation not in _RELATIONS:
-            raise ValueError(
-                f"condition {self.name}: relation = {self.relation!r}; allowed: "
-                f"{', '.join(_RELATIONS)}"
-            )
+        """Refuse what compares nothing, or cannot be told."""
+        texts, numbers = (self.name, self.unit, self.meaning), (self.value, self.limit)
+        if (
+            self.relation not in _RELATIONS
+            or not all(isinstance(each, str) for each in texts)
+            or not all(isinstance(each, Real) for each in numbers)
+        ):
+            between = ", ".join(_RELATIONS)
+            raise ValueError(f"{self}; allowed: numbers, {between} between them, and texts")
 
     @property
     def holds(self) -> bool:

@@ -188,9 +188,10 @@ def _json(
 
 
 def _condition(condition: Condition) -> dict[str, Any]:
-    """Give a condition as an object; one whose value is infinite, such as a time, has none."""
-    value = condition.value if math.isfinite(condition.value) else None
-    return {**asdict(condition), "value": value, "holds": condition.holds}
+    """Give a condition as an object; a number that is infinite, such as a time, is null."""
+    numbers = {each: float(getattr(condition, each)) for each in ("value", "limit")}
+    told = {name: each if math.isfinite(each) else None for name, each in numbers.items()}
+    return {**asdict(condition), **told, "holds": condition.holds}
 
 
 def _print(
