@@ -276,7 +276,8 @@ MISFITS = {
         "of_kind": "left out: spacecraft_plant has another parameter max_torque than of_kind",
     },
     "actuators": {"no_limit": "it has no parameter nowhere"},
-    "disturbances": {"pulse": "left out: no parameter selects one of the disturbances"},
+    "disturbances": {"pulse": "left out: allowed groups: ppc_attitude.actuators, "},
+    "controller": {"singular": "left out: allowed groups: ppc_attitude.actuators, "},
 }
 
 

@@ -41,6 +41,7 @@ from ppc_attitude.science.kinds import (
     SENSORS,
     Kind,
     ours_first,
+    warn_of_unknown_groups,
 )
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TOLD, TRUTH
 
@@ -103,6 +104,7 @@ def _merged() -> dict[str, Topic]:
     """
     found = {topic.column: topic for topic in STANDARD}
     bounded: dict[str, str] = {}
+    warn_of_unknown_groups()
     for kind, component in ours_first(kind for kinds in HOSTED.values() for kind in kinds):
         given = [topic_of(column, NODE_OF[kind.name]) for column in component.outputs]
         read = [topic_of(column, "") for column in component.inputs if column.name in found]

@@ -42,6 +42,7 @@ from ppc_attitude.science.signals import (
 
 NONE = "none"
 _SCIENCE = "ppc_attitude.science"
+_GROUP = "ppc_attitude."
 
 
 # Read once, because that opens a file of every installed package.
@@ -112,7 +113,7 @@ class Kind:
     @property
     def points(self) -> Iterable[EntryPoint]:
         """Entry points of what other packages add."""
-        return _installed().select(group=f"ppc_attitude.{self.name}")
+        return _installed().select(group=f"{_GROUP}{self.name}") if self.selector else ()
 
     @cached_property
     def origins(self) -> dict[str, str]:
@@ -149,8 +150,6 @@ class Kind:
         """
         if not isinstance(component, Component):
             raise ConfigurationError(f"it is a {type(component).__name__}, not a Component")
-        if not self.selector:
-            raise ConfigurationError(f"no parameter selects one of the {self.name}")
         if not isinstance(component.name, str) or not component.name:
             raise ConfigurationError(f"its name = {component.name!r}; allowed: a text")
         if component.name in others or (self.optional and component.name == NONE):
@@ -260,6 +259,15 @@ KINDS = (
     ACTUATORS,
 )
 """In the order in which the components of an instant run."""
+
+
+def warn_of_unknown_groups() -> None:
+    """Warn of entry points in a group that is named as ours are, and of which nobody selects."""
+    groups = {f"{_GROUP}{kind.name}" for kind in KINDS if kind.selector}
+    problem = f"is left out: allowed groups: {', '.join(sorted(groups))}"
+    for group in _installed().groups - groups:
+        for point in _installed().select(group=group) if group.startswith(_GROUP) else ():
+            _warn(f"entry point {point.name} = {point.value} of {group} {problem}")
 
 
 def all_components(kinds: Iterable[Kind] = KINDS) -> Iterator[Component]:
