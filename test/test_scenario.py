@@ -295,7 +295,8 @@ def test_nodes_agree_on_what_the_craft_is() -> None:
     files = configs("paper", "orbit")
     heavier = [3.0, 0.0, 0.0, 0.0, 2.5, 0.0, 0.0, 0.0, 1.9]
     message = (
-        r"disturbance_injector: inertia = \[2.8.*; allowed: \[3.0.*, which spacecraft_plant has"
+        r"disturbance_injector: inertia = \[2.8.*; allowed: \[3.0.*, which spacecraft_plant has "
+        r"\(under /\*\* a file sets it in all nodes\)"
     )
     with pytest.raises(ConfigurationError, match=message):
         load(files, {"spacecraft_plant": {"inertia": heavier}})

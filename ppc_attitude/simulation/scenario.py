@@ -258,7 +258,8 @@ def _check_agreement(parameters: Overrides) -> None:
             first, value = told.setdefault(name, (node, values[name]))
             if values[name] != value:
                 raise ConfigurationError(
-                    f"{node}: {name} = {values[name]}; allowed: {value}, which {first} has"
+                    f"{node}: {name} = {values[name]}; allowed: {value}, which {first} has "
+                    "(under /** a file sets it in all nodes)"
                 )
 
 
