@@ -105,7 +105,8 @@ class Task:
         How many times the acceleration that a law counts on a torque gives at first, at most:
         flexible modes follow later. Without them it is 1.
     attitude_sigma, rate_sigma : float
-        σ of the noise in the law's errors [1], [rad/s] on the worst axis; 0 if nobody knows it.
+        σ of the noise in q_ev [1], and in z2 [rad/s] of a law with `k`, `M_omega` and `beta` of
+        `ppc`, on the worst axis; 0 if nobody knows it.
     rate_limit : float or None
         Required bound of ‖ω_s‖ [deg/s].
     settled : tuple of float
