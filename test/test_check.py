@@ -90,6 +90,7 @@ def test_a_condition_that_nobody_could_tell_is_refused(wrong: dict[str, Any]) ->
 
 def test_json_has_no_number_that_is_infinite(ask: Ask, monkeypatch: pytest.MonkeyPatch) -> None:
     endless = advisable("mine", np.float32(0.5), math.inf, "", "it holds")  # type: ignore[arg-type]
+    endless = replace(endless, necessary=np.True_)  # type: ignore[arg-type]
     monkeypatch.setattr(check, "conditions_of", lambda *_: [endless])
     told = told_by_check(ask, *configs("paper"))["mine"]
     assert (told["value"], told["limit"], told["holds"]) == (0.5, None, True)

@@ -191,7 +191,8 @@ def _condition(condition: Condition) -> dict[str, Any]:
     """Give a condition as an object; a number that is infinite, such as a time, is null."""
     numbers = {each: float(getattr(condition, each)) for each in ("value", "limit")}
     told = {name: each if math.isfinite(each) else None for name, each in numbers.items()}
-    return {**asdict(condition), **told, "holds": condition.holds}
+    told |= {"necessary": bool(condition.necessary), "holds": condition.holds}
+    return asdict(condition) | told
 
 
 def _print(
