@@ -98,7 +98,7 @@ def test_what_becomes_of_the_goals_is_told() -> None:
     ordered = goals((5.0, "inertial", DESIRED_ATTITUDE), (10.0, "inertial", STRAIGHT))
     told = goals_told(flight(**ordered, **cones(([0.0, 0.0, 1.0], "0 0 2", 0.1))))
     assert [each.time for each in told] == [5.0, 10.0]
-    assert "inertial frame, turns by 42.71° in 1 legs, there at t = 33.357 s" in told[0].advice.text
+    assert "inertial frame, turns by 42.71° in 1 leg, there at t = 33.357 s" in told[0].advice.text
     assert told[1].advice.warning
     assert "order 2 is refused: it is inside keep-out cone 0" in told[1].advice.text
     assert goals_told(scenario({})) == []

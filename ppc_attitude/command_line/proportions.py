@@ -236,7 +236,7 @@ def _of_knowledge(scenario: Scenario, task: Task) -> Iterator[Condition]:
     """Compare the craft with what its law knows of it."""
     if INERTIA.name in task.craft:
         known, true = scenario.parameters[CONTROLLER][INERTIA.name], task.craft[INERTIA.name]
-        meaning = "by how much of itself the inertia that the law knows is off, on the worst axis"
+        meaning = "by how much of itself the law's inertia is off, about the worst axis"
         error = inertia_error(np.array(known), np.array(true))
         yield advisable("inertia", error, _INERTIA_ERROR, "", meaning)
 

@@ -261,7 +261,8 @@ def advice(state: Any) -> Advice:
     turned = math.degrees(sum(float(leg["profile"][0]) for leg in legs if leg["axis"].any()))
     text = (
         f"order {number} is followed: {FRAME_NAMES[plan['frame']]} frame, turns by "
-        f"{turned:.2f}° in {len(legs)} legs, there at t = {float(plan['end']):.3f} s"
+        f"{turned:.2f}° in {len(legs)} leg{'s' * (len(legs) > 1)}, there at t = "
+        f"{float(plan['end']):.3f} s"
     )
     inside = int(state["inside"])
     if inside:
