@@ -96,6 +96,13 @@ def test_a_run_that_ends_while_its_error_may_still_grow_is_not_judged(
     assert told.splitlines()[-1].endswith("not judged")
 
 
+def test_a_hit_that_no_craft_survives_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    """The table told a hundredth of a second outside, as the rest was no number."""
+    command = ["sweep", "--config", str(PAPER), "--torque", "1e6", "--pulse-durations", "0.1"]
+    assert main([*command, "--at", "1", "--duration", "12"]) == 3
+    assert "error: diverged: angular velocity" in capsys.readouterr().err
+
+
 def test_a_hit_too_weak_to_be_told_from_an_environment_is_recovered_all_the_same(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -21,6 +21,8 @@ import numpy as np
 from ppc_attitude.analysis.truth import truth_of
 from ppc_attitude.contract.cdr import LARGEST
 from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.processes.exits import RunError
+from ppc_attitude.simulation.closed_loop import raised_until
 from ppc_attitude.simulation.news import concerns
 from ppc_attitude.simulation.scenario import Scenario
 
@@ -37,3 +39,18 @@ def tell_concerns(scenario: Scenario, record: RunRecord) -> None:
     for time, advice in concerns(scenario, record.stamps_ns[: first_lost(record)]):
         kind = "error: " if advice.failed else "warning: " if advice.warning else ""
         print(f"{kind}at t = {time:.3f} s {advice.text}", file=sys.stderr)
+
+
+def see_that_it_is_bounded(scenario: Scenario, record: RunRecord) -> None:
+    """See that no rate is larger than a craft can have: there the plant of `run` ends.
+
+    Raises
+    ------
+    RunError
+        One is; says when.
+    """
+    lost = first_lost(record)
+    if lost < record.t.size:
+        rate, t = record[truth_of(record).angular_velocity][lost], record.t[max(lost - 1, 0)]
+        why = raised_until(scenario, record.stamps_ns[: lost + 1])
+        raise RunError(f"diverged: angular velocity {tuple(rate.tolist())} rad/s at {t:g} s{why}")

@@ -20,10 +20,9 @@ import sys
 from dataclasses import replace
 
 from ppc_attitude.analysis.metrics import Verdict
-from ppc_attitude.analysis.truth import truth_of
 from ppc_attitude.bags.export import export
 from ppc_attitude.bags.run_writer import write_run
-from ppc_attitude.command_line.concerns import first_lost, tell_concerns
+from ppc_attitude.command_line.concerns import see_that_it_is_bounded, tell_concerns
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     add_bag_option,
@@ -37,12 +36,9 @@ from ppc_attitude.command_line.options import (
 )
 from ppc_attitude.command_line.paths import new_bag, new_file
 from ppc_attitude.command_line.stopping import stoppable
-from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import PLANT, RECORDER
 from ppc_attitude.contract.versions import versions
-from ppc_attitude.processes.exits import RunError
-from ppc_attitude.simulation.closed_loop import raised_until, simulate
-from ppc_attitude.simulation.scenario import Scenario
+from ppc_attitude.simulation.closed_loop import simulate
 
 HELP = "run the closed loop in process, without ROS"
 DESCRIPTION = (
@@ -79,7 +75,7 @@ def execute(arguments: argparse.Namespace) -> int:
     duration = scenario.number(PLANT, "duration")
     record = stoppable(lambda: simulate(scenario, duration))
     tell_concerns(scenario, record)
-    _see_that_it_is_bounded(scenario, record)
+    see_that_it_is_bounded(scenario, record)
     record = replace(record, metadata={**versions(), "command": shlex.join(sys.argv)})
     verdict = Verdict(record, required)
     print_verdict(verdict, as_json=arguments.json)
@@ -93,12 +89,3 @@ def execute(arguments: argparse.Namespace) -> int:
         print(f"table: {arguments.export}", file=output)
     write_report_of(arguments, [verdict], output)
     return exit_code(verdict)
-
-
-def _see_that_it_is_bounded(scenario: Scenario, record: RunRecord) -> None:
-    """Raise RunError if a rate is larger than a craft can have, where the plant of `run` ends."""
-    lost = first_lost(record)
-    if lost < record.t.size:
-        rate, t = record[truth_of(record).angular_velocity][lost], record.t[max(lost - 1, 0)]
-        why = raised_until(scenario, record.stamps_ns[: lost + 1])
-        raise RunError(f"diverged: angular velocity {tuple(rate.tolist())} rad/s at {t:g} s{why}")

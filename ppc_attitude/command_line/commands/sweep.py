@@ -25,6 +25,7 @@ from ppc_attitude.analysis.hits import scheduled
 from ppc_attitude.analysis.measure import Measured, metric_of
 from ppc_attitude.analysis.requirements import Requirements, load_requirements
 from ppc_attitude.analysis.verdict import MET, NOT_JUDGED, NOT_MET
+from ppc_attitude.command_line.concerns import see_that_it_is_bounded
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
     POSITIVE,
@@ -152,6 +153,7 @@ def _measured(scenario: Scenario, required: Requirements, hits: Hits, duration: 
     }
     hit = scenario.overlaid({INJECTOR: pulse, PLANT: {"duration": hits.length}})
     flown = stoppable(lambda: simulate(hit, hits.length))
+    see_that_it_is_bounded(hit, flown)
     return Measured(flown, required, tuple(scheduled(flown)))  # too weak a one would not be found
 
 
