@@ -23,8 +23,7 @@ from multiprocessing import Pool
 from ppc_attitude.science.kinds import all_components
 from ppc_attitude.science.part import entry_point
 
-# The guidance of goals takes longest, so it begins first.
-COMPONENTS = sorted(all_components(), key=lambda each: each.name != "goal")
+COMPONENTS = list(all_components())
 
 
 def compile_step(number: int) -> None:

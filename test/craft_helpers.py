@@ -21,8 +21,12 @@ from typing import Any
 
 import yaml
 
+from ppc_attitude.analysis.requirements import PAPER, Requirements
+from ppc_attitude.command_line.proportions import conditions_of
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
+from ppc_attitude.science.conditions import Condition
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, assumptions_of, law_of
+from ppc_attitude.science.kernel import Quaternion
 from ppc_attitude.science.orbit import EARTH_RADIUS
 from ppc_attitude.science.orbit_elements import ORBIT_PARAMETERS, orbit_of
 from ppc_attitude.science.part import Part
@@ -57,6 +61,15 @@ def case(*overlays: str, **plant: Any) -> Scenario:
 def pulse(time: float, duration: float, *torque: float) -> dict[str, Any]:
     """Parameters of the injector: a torque [N·m] from a time [s] on, so long [s]."""
     return {"pulse_times": [time], "pulse_durations": [duration], "pulse_torques": [*torque]}
+
+
+def conditions(
+    scenario: Scenario,
+    required: Requirements = PAPER,
+    error: Quaternion = (0.0, 0.0, 0.0, 1.0),
+) -> dict[str, Condition]:
+    """What `check` says of a craft without an environment, by name; q_e at the start, x y z w."""
+    return {each.name: each for each in conditions_of(scenario, required, error, 0.0)}
 
 
 @cache

@@ -19,28 +19,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from craft_helpers import case
+from craft_helpers import case, conditions
 from test_goal_reference import STRAIGHT, flight, tour
 
 from ppc_attitude.analysis.metrics import Verdict
-from ppc_attitude.analysis.requirements import Requirements
-from ppc_attitude.command_line.proportions import conditions_of
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.science.conditions import Condition
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.flight_plan import goals_told
-from ppc_attitude.simulation.scenario import Scenario
 
 
 def needed(**reference: Any) -> dict[str, Condition]:
     """What `check` says that slews need."""
     scenario = flight(**reference).with_values(PLANT, duration=120.0)
-    return of(scenario)
-
-
-def of(scenario: Scenario) -> dict[str, Condition]:
-    found = conditions_of(scenario, Requirements(), (0.0, 0.0, 0.0, 1.0), 0.0)
-    return {each.name: each for each in found}
+    return conditions(scenario)
 
 
 def test_check_says_what_a_slew_needs_of_torque_and_rate() -> None:
@@ -50,7 +42,7 @@ def test_check_says_what_a_slew_needs_of_torque_and_rate() -> None:
     assert not needed(guidance__max_acceleration=math.radians(0.7))["slew torque"].holds
     assert not needed(guidance__torque_share=0.4)["slew torque"].holds
     derated = flight().with_values(CONTROLLER, max_torque=0.02)
-    assert not of(derated)["slew torque"].holds
+    assert not conditions(derated)["slew torque"].holds
     spin = {"goals__frames": ["spin"], "spin__rate": 0.03}
     crossed = 2.8 * math.radians(2.0) * 0.03
     assert needed(**spin)["slew torque"].value == pytest.approx(torque.value + crossed, rel=1e-9)

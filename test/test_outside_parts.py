@@ -19,6 +19,7 @@ import math
 import os
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -66,7 +67,7 @@ class Told(NamedTuple):
 Tell = Callable[..., Told]
 
 
-# Commands in a process whose package is that of somebody else's.
+# Runs each command that it reads, in the folder that comes with it.
 EACH = """
 import json, os, shlex, sys
 from contextlib import redirect_stderr, redirect_stdout
@@ -81,7 +82,7 @@ for line in sys.stdin:
     print(json.dumps((code, out.getvalue(), err.getvalue())), flush=True)
 """
 MISFITTING = {
-    "sensors": ("failing", "hasty", "sure"),
+    "sensors": ("hasty", "sure"),
     "estimators": ("bounded", "quiet"),
     "controllers": ("beyond_column", "blind", "chatty", "listening", "margin"),
     "environments": ("gusty", "table"),
@@ -145,7 +146,10 @@ def tell(outside: "subprocess.Popen[str]", tmp_path: Path) -> Tell:
 
     def run(words: str, code: int = 0) -> Told:
         print(json.dumps((str(tmp_path), words)), file=outside.stdin, flush=True)
+        late = threading.Timer(PATIENCE, outside.kill)
+        late.start()
         told = Told(*json.loads(outside.stdout.readline()))
+        late.cancel()
         assert told.code == code, told
         return told
 

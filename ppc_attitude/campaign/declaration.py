@@ -129,7 +129,8 @@ def campaign(declaration: Any, base: Scenario, seed: int) -> Campaign:
         A name or value in it is wrong, or some draw would make an impossible scenario.
     """
     declared = keys("campaign", declaration, (*VARIABLES, "parameters", *SHORT))
-    numbers, found = varied(declared, base), dict[str, Variable]()
+    numbers = varied(declared, base)
+    found: dict[str, Variable] = {}
     least = {
         each.parameter: each.drawn_from.low
         for each in numbers.values()

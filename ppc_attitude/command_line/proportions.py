@@ -18,13 +18,15 @@ A part has conditions of its own (`Component.conditions`), which look at the `Ta
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
 from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.contract.declared import components_of
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.science.attitude import rotation_angle
 from ppc_attitude.science.conditions import Condition, Task, advisable
 from ppc_attitude.science.controllers.common import (
     ATTITUDE_ENVELOPE,
@@ -38,16 +40,17 @@ from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.estimators.steady_state import FLOOR, Sigmas, error_sigmas, noise_floors
 from ppc_attitude.science.guidance.orders import GOAL_TIMES
 from ppc_attitude.science.guidance.profile import duration, profile
-from ppc_attitude.science.inertia import inertia_error, inertia_matrix
+from ppc_attitude.science.inertia import inertia_error, inertia_matrix, principal_moments
 from ppc_attitude.science.kernel import Quaternion
-from ppc_attitude.science.kinds import ACTUATORS, ESTIMATORS, PLANTS, REFERENCES, SENSORS
-from ppc_attitude.science.multibody import COUPLING
+from ppc_attitude.science.kinds import ACTUATORS, ESTIMATORS, REFERENCES, SENSORS
+from ppc_attitude.science.multibody import COUPLING, multibody_record
 from ppc_attitude.science.performance import R_LIMIT
 from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.science.references import goal
 from ppc_attitude.science.sensors import direct
 from ppc_attitude.science.stamps import NANOSECONDS
 from ppc_attitude.science.thrusters import PERIOD
+from ppc_attitude.science.wheels import AXES, WHEELS, wheel_record
 from ppc_attitude.simulation.scenario import Scenario
 
 _HORIZON = 3600.0  # [s] for which a reference is looked at in a run without end
@@ -58,7 +61,7 @@ _INERTIA_ERROR = 0.3  # docs/guarantee.md has measured it
 def conditions_of(
     scenario: Scenario, required: Requirements, q_e: Quaternion, environment: float
 ) -> Iterator[Condition]:
-    """All conditions but those of what a run will bring.
+    """Yield the conditions that need no run; those of wheels and goals stand elsewhere.
 
     Parameters
     ----------
@@ -91,8 +94,8 @@ def _task(scenario: Scenario, required: Requirements, q_e: Quaternion) -> Task:
     """The craft, and what is asked of it."""
     plant, reference = scenario.parameters[PLANT], scenario.parameters[REFERENCE]
     craft = {x: plant[x] for part in components_of(PLANT, plant) for x in part.defaults}
-    angle = 2.0 * math.asin(min(float(np.linalg.norm(q_e[:3])), 1.0))
-    sigmas = _sigmas(scenario)
+    sigmas, most = _sigmas(scenario), actuator_torque(scenario)
+    angle = math.degrees(rotation_angle(q_e))
     slews, times = REFERENCES.selected(reference) is goal.COMPONENT, reference[GOAL_TIMES.name]
     return Task(
         craft=craft,
@@ -100,16 +103,16 @@ def _task(scenario: Scenario, required: Requirements, q_e: Quaternion) -> Task:
         duration=scenario.number(PLANT, "duration"),
         desired_rate=_desired_rate(scenario),
         slews_from=min(times, default=math.inf) if slews else None,
-        actuator_torque=actuator_torque(scenario),
-        torque=min(scenario.number(CONTROLLER, MAX_TORQUE.name), actuator_torque(scenario)),
+        actuator_torque=most,
+        torque=min(scenario.number(CONTROLLER, MAX_TORQUE.name), most),
         hold=float(craft.get(PERIOD.name, 1.0 / scenario.number(PLANT, "rate"))),
-        first_answer=_first_answer(scenario),
+        first_answer=_first_answer(scenario, craft),
         attitude_sigma=sigmas.attitude,
         rate_sigma=sigmas.rate,
         rate_limit=required.rate,
         settled=required.settled.bounds,
         deadline=required.settling_deadline,
-        wish=f"an error of {required.settled} from rest at {math.degrees(angle):.4g}°",
+        wish=f"an error of {required.settled} from rest at {angle:.4g}°",
     )
 
 
@@ -117,7 +120,7 @@ def _desired_rate(scenario: Scenario) -> float | None:
     """Largest ‖ω_d‖ [rad/s] of the selected reference; None if it tells none."""
     values = scenario.parameters[REFERENCE]
     reference = REFERENCES.selected(values)
-    if reference is goal.COMPONENT:  # that of a slew: to break one off may take a little more
+    if reference is goal.COMPONENT:  # of a slew; see `Task.desired_rate`
         return float(values[goal.MAX_RATE.name])
     if reference is None or reference.motion_bounds is None:
         return None
@@ -132,21 +135,20 @@ def actuator_torque(scenario: Scenario) -> float:
     plant = scenario.parameters[PLANT]
     actuator = ACTUATORS.selected(plant)
     torques = actuator.torques(plant) if actuator else None
-    return torques[0] if torques else scenario.number(CONTROLLER, "max_torque")
+    return torques[0] if torques else scenario.number(CONTROLLER, MAX_TORQUE.name)
 
 
-def _first_answer(scenario: Scenario) -> float:
+def _first_answer(scenario: Scenario, craft: Mapping[str, Any]) -> float:
     """How many times the acceleration that a law counts on a torque gives at first, at most.
 
     It moves J − Σ J_s a aᵀ − δᵀδ, and flexible modes follow later; without modes it is 1.
     """
     plant = scenario.parameters[PLANT]
-    craft = PLANTS.components[plant["plant"]]
-    modes = COUPLING.name in craft.defaults and plant[COUPLING.name]
-    if not modes or "body" not in (craft.configuration.names or ()):  # of somebody else's
+    if not craft.get(COUPLING.name):
         return 1.0
     known = inertia_matrix("inertia", scenario.parameters[CONTROLLER]["inertia"])
-    inverse = craft.configure(plant)["body"]["inertia_inverse"]
+    turning = wheel_record(plant) if AXES.name in craft else np.zeros((), WHEELS)
+    inverse = multibody_record(plant, turning)["body"]["inertia_inverse"]
     return float(np.linalg.eigvals(inverse @ known).real.max())
 
 
@@ -177,15 +179,14 @@ def _of_settling(task: Task) -> Iterator[Condition]:
 def _least_turn(task: Task) -> float:
     """Least time [s] about the eigenaxis, rest to rest, to where the error is small enough."""
     error = np.array(task.error[:3])
-    size = float(np.linalg.norm(error))
-    if size == 0.0:
+    if not error.any():
         return 0.0
-    axis, (component, whole) = error / size, task.settled
+    axis, (component, whole) = error / np.linalg.norm(error), task.settled
     near = min(component / np.abs(axis).max(), whole, 1.0)
     inertia = inertia_matrix("inertia", task.craft[INERTIA.name])
     acceleration = task.torque / np.abs(inertia @ axis).max()
     rate = math.radians(task.rate_limit) if task.rate_limit else math.inf
-    turn = max(2.0 * math.asin(min(size, 1.0)) - 2.0 * math.asin(near), 0.0)
+    turn = max(rotation_angle(task.error) - 2.0 * math.asin(near), 0.0)
     return float(duration(profile(turn, rate, float(acceleration), math.inf)))
 
 
@@ -208,7 +209,7 @@ def _of_envelopes(scenario: Scenario, task: Task) -> Iterator[Condition]:
             yield Condition(end, law[end], FLOOR * sigma, "≥", unit, False, meaning)
         actuator = ACTUATORS.selected(plant)
         if prefix == RATE_ENVELOPE.name and actuator and actuator.least_impulse:
-            least = np.linalg.eigvalsh(inertia_matrix("inertia", law[INERTIA.name]))[0]
+            least = principal_moments("inertia", law[INERTIA.name])[0]
             change = float(actuator.least_impulse(plant) / least) * task.first_answer
             meaning = f"{_PULSES:g} times the rate that the actuator's least pulse makes, before "
             meaning += "modes follow: below it, single pulses leave the envelope"

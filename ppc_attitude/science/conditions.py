@@ -57,7 +57,7 @@ class Condition:
     meaning: str
 
     def __post_init__(self) -> None:
-        """Refuse what compares nothing, or cannot be told."""
+        """Refuse what compares nothing, or cannot be told; NumPy's numbers become plain ones."""
         texts, numbers = (self.name, self.unit, self.meaning), (self.value, self.limit)
         if (
             self.relation not in _RELATIONS
@@ -66,6 +66,8 @@ class Condition:
         ):
             between = ", ".join(_RELATIONS)
             raise ValueError(f"{self}; allowed: numbers, {between} between them, and texts")
+        for name, plain in (("value", float), ("limit", float), ("necessary", bool)):
+            object.__setattr__(self, name, plain(getattr(self, name)))
 
     @property
     def holds(self) -> bool:
@@ -91,7 +93,8 @@ class Task:
     duration : float
         Length of the run [s]; 0 if it has no end.
     desired_rate : float or None
-        Largest ‖ω_d‖ [rad/s]; None if nobody knows it.
+        Largest ‖ω_d‖ [rad/s], with goals that of a slew, which one that is broken off may exceed;
+        None if nobody knows it.
     slews_from : float or None
         When the first slew begins [s], infinite if none is scheduled; None without slews.
     actuator_torque : float

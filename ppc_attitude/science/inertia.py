@@ -58,6 +58,11 @@ def inertia_matrix(name: str, values: ArrayLike) -> NDArray[np.float64]:
     return inertia
 
 
+def principal_moments(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """Principal moments [kg·m²], shape (3,), ascending, of what `inertia_matrix` takes."""
+    return np.asarray(np.linalg.eigvalsh(inertia_matrix(name, values)))
+
+
 def gyroscopic_share(inertia: NDArray[np.float64]) -> float:
     """Largest ‖ω × J ω‖/‖ω‖² [kg·m²] of an inertia, shape (3, 3)."""
     moments = np.linalg.eigvalsh(inertia)

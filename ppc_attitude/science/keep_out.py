@@ -278,11 +278,11 @@ def route(
     start, goal
         Attitudes x y z w. A start inside cones is led out by the smallest turn.
     cones, directions
-        Record of dtype `CONES`, and its directions now, shape (count, 3).
+        Record of dtype `CONES`, and its directions, shape (count, 3).
     limits
         Record of dtype `LIMITS`.
     leaving
-        Bits of cones that the start is inside of, if they have other directions then.
+        Bits of the cones that the start is inside of, where `directions` are of a later time.
 
     Returns
     -------

@@ -262,7 +262,7 @@ KINDS = (
 
 
 def warn_of_unknown_groups() -> None:
-    """Warn of entry points in a group that is named as ours are, and of which nobody selects."""
+    """Warn of entry points whose group begins as ours do, and is that of no kind to select from."""
     groups = {f"{_GROUP}{kind.name}" for kind in KINDS if kind.selector}
     problem = f"is left out: allowed groups: {', '.join(sorted(groups))}"
     for group in _installed().groups - groups:

@@ -189,10 +189,9 @@ def _json(
 
 def _condition(condition: Condition) -> dict[str, Any]:
     """Give a condition as an object; a number that is infinite, such as a time, is null."""
-    numbers = {each: float(getattr(condition, each)) for each in ("value", "limit")}
+    numbers = {"value": condition.value, "limit": condition.limit}
     told = {name: each if math.isfinite(each) else None for name, each in numbers.items()}
-    told |= {"necessary": bool(condition.necessary), "holds": condition.holds}
-    return asdict(condition) | told
+    return {**asdict(condition), **told, "holds": condition.holds}
 
 
 def _print(

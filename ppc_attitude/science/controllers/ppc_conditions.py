@@ -26,13 +26,11 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import numpy as np
-
 from ppc_attitude.science.actuators.ideal import MIN_TORQUE
 from ppc_attitude.science.conditions import Condition, Task, advisable
 from ppc_attitude.science.controllers.common import ATTITUDE_ENVELOPE, envelope_of
 from ppc_attitude.science.envelope_plan import least_settling_time, table_can_be_followed
-from ppc_attitude.science.inertia import inertia_matrix
+from ppc_attitude.science.inertia import principal_moments
 from ppc_attitude.science.kernel import ZERO
 from ppc_attitude.science.performance import Envelope, nominal
 
@@ -127,6 +125,7 @@ def _rates(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
         return
     total = math.degrees(bound + desired + math.sqrt(3.0) * values["rate_envelope.terminal"])
     meaning = "max‖v‖ + max‖ω_d‖ + √3 g∞ of ρ_ω: guaranteed once z2 has come in"
+    meaning += "" if task.slews_from is None else ", unless a slew is broken off"
     yield advisable("rate bound", total, limit, "deg/s", meaning)
     if task.slews_from is None:
         return
@@ -148,7 +147,7 @@ def _rates(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
 def _sampling(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
     """Compare how the law answers a rate error with the time for which an answer holds."""
     width = values["rate_envelope.terminal"]
-    least, _, _ = _moments(values)
+    least = float(principal_moments("inertia", values["inertia"])[0])
     change = values["D_m"] * task.hold / least * task.first_answer
     yield advisable(
         "answer to z2",
@@ -171,7 +170,7 @@ def _sampling(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
 
 def _actuation(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
     """Compare what the law asks for with the actuator: at the envelope's edge, and of noise."""
-    least, _, most = _moments(values)
+    least, _, most = principal_moments("inertia", values["inertia"]).tolist()
     if MIN_TORQUE.name in task.craft:
         yield advisable(
             "min_torque in ρ_ω",
@@ -189,12 +188,6 @@ def _actuation(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
             "N·m",
             f"{_NOISE_SIGMAS:g}σ of K_ω J z2: the actuator gives what noise makes the law ask for",
         )
-
-
-def _moments(values: Mapping[str, Any]) -> list[float]:
-    """Principal moments [kg·m²] of the inertia that the law knows, ascending."""
-    moments: list[float] = np.linalg.eigvalsh(inertia_matrix("inertia", values["inertia"])).tolist()
-    return moments
 
 
 def largest_start(gains: Any) -> float:
