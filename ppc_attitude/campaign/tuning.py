@@ -48,7 +48,7 @@ GAINS: Mapping[str, tuple[str, ...]] = {
 """The parameters of each law that are searched; everything else stays as it is configured."""
 
 _WIDTH = 0.5  # of the first generation, in natural logarithms
-_MISSED = 10.0  # a missed requirement weighs at least as much as ten deadlines
+_MISSED = 30.0  # of a run that misses a requirement: more than all else that is counted
 _NEAR = 0.95  # of a limit: from here on a run that meets it costs something
 _WORST = 1e6  # of a run that breaks
 
@@ -158,20 +158,24 @@ def tuned(
 
 
 def cost(verdict: Verdict | None) -> float:
-    """Cost of a run: what it misses or nearly misses, and its settling time by the deadline."""
+    """Cost of a run: whether it misses a requirement, how near it is to each, its settling time.
+
+    How many are missed, and by how much, weighs less than that one is: a run that meets all but one
+    counts as little as any other that does not meet all.
+    """
     if verdict is None:
         return _WORST
-    missed = 0.0
+    total = 0.0 if verdict.all_met else _MISSED
     for each in verdict.requirements:
         if each.key == "lost_messages" and each.met is False:  # it diverged, and shows no more
             return _WORST
         share = each.value / each.limit if each.value is not None and each.limit > 0.0 else 0.0
         if each.met is False:
-            missed += _MISSED * (1.0 + math.log(max(share, 1.0)))
+            total += 2.0 - 1.0 / share if share > 1.0 else 2.0
         else:  # other runs come nearer to the limit than these few
-            missed += min(max((share - _NEAR) / (1.0 - _NEAR), 0.0), 1.0)
+            total += min(max((share - _NEAR) / (1.0 - _NEAR), 0.0), 1.0)
     deadline = verdict.required.settling_deadline
-    return missed + _settling(verdict, 2.0 * deadline) / deadline
+    return total + _settling(verdict, 2.0 * deadline) / deadline
 
 
 def _settling(verdict: Verdict, never: float) -> float:
