@@ -19,9 +19,9 @@ import json
 import math
 import sys
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
-from typing import TextIO
+from typing import Any, TextIO
 
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import Requirements, load_requirements
@@ -272,8 +272,16 @@ def exit_code(verdict: Verdict) -> int:
 
 
 def print_json(content: object) -> None:
-    """Print one JSON object; NaN is never valid in it."""
-    print(json.dumps(content, ensure_ascii=False, allow_nan=False))
+    """Print one JSON object; a number that is not finite, as a time that never comes, is null."""
+    print(json.dumps(_finite(content), ensure_ascii=False, allow_nan=False))
+
+
+def _finite(content: Any) -> Any:
+    if isinstance(content, Mapping):
+        return {name: _finite(each) for name, each in content.items()}
+    if isinstance(content, list | tuple):
+        return [_finite(each) for each in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
 def paragraph(text: str, indent: str = "") -> str:

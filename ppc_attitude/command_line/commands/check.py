@@ -20,7 +20,6 @@ the requirements need at best of craft and law, and warns of what is out of prop
 """
 
 import argparse
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
@@ -177,7 +176,7 @@ def _json(
 ) -> dict[str, Any]:
     return {
         "controller": scenario.controller.name,
-        "conditions": [_condition(each) for each in conditions],
+        "conditions": [{**asdict(each), "holds": each.holds} for each in conditions],
         "start": {"attitude_error": q_e, "plan": start.text, "warning": start.warning},
         "goals": [
             {"time": told.time, "told": told.advice.text, "warning": told.advice.warning}
@@ -185,13 +184,6 @@ def _json(
         ],
         "faults": fault_texts(scenario.parameters[PLANT]),
     }
-
-
-def _condition(condition: Condition) -> dict[str, Any]:
-    """Give a condition as an object; a number that is infinite, such as a time, is null."""
-    numbers = {"value": condition.value, "limit": condition.limit}
-    told = {name: each if math.isfinite(each) else None for name, each in numbers.items()}
-    return {**asdict(condition), **told, "holds": condition.holds}
 
 
 def _print(

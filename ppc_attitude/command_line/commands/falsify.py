@@ -190,9 +190,9 @@ def execute(arguments: argparse.Namespace) -> int:
                 "controller": scenario.controller.name,
                 "goal": goal.name,
                 "runs": found.runs,
-                "largest": found.value if math.isfinite(found.value) else None,
+                "largest": found.value,
                 "told": text,
-                "limit": goal.limit if math.isfinite(goal.limit) else None,
+                "limit": goal.limit,
                 "passes_limit": broken,
                 "worst": str(worst),
             }

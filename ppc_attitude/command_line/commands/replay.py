@@ -15,16 +15,14 @@
 """`ppc_attitude replay`: a bag's recorded inputs through the control kernel once more."""
 
 import argparse
-import math
 import sys
 from dataclasses import asdict
-from typing import Any
 
 from ppc_attitude.command_line.options import add_reading_options, print_json, record_of
 from ppc_attitude.command_line.stopping import stoppable
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
-from ppc_attitude.simulation.replay import Difference, replay
+from ppc_attitude.simulation.replay import replay
 
 HELP = "feed a bag's recorded inputs to the components once more"
 DESCRIPTION = (
@@ -47,7 +45,7 @@ def execute(arguments: argparse.Namespace) -> int:
     if arguments.json:
         law = dict.fromkeys(("steps", "skipped", "largest", "at"))
         if result.law is not None:
-            law |= _told(result.law)
+            law |= asdict(result.law)
         print_json(
             {
                 "bag": str(arguments.bag),
@@ -55,7 +53,7 @@ def execute(arguments: argparse.Namespace) -> int:
                 "skipped": law["skipped"],
                 "largest_difference": law["largest"],
                 "at": law["at"],
-                "components": [_told(each) for each in result.found],
+                "components": [asdict(each) for each in result.found],
                 "missing": result.missing,
                 "left_out": result.left_out,
             }
@@ -77,7 +75,3 @@ def execute(arguments: argparse.Namespace) -> int:
         why = "nothing tells if the record begins with the run: parts remember what came before"
         print(f"warning: {why}", file=sys.stderr)
     return REQUIREMENT_FAILED
-
-
-def _told(found: Difference) -> dict[str, Any]:
-    return {**asdict(found), "largest": found.largest if math.isfinite(found.largest) else None}

@@ -199,7 +199,10 @@ class Bounds:
         lag = 2 * self._h * self.arithmetic.number(self.law.V_rate)
         lowest, _ = self.arithmetic.outward(self._speed.Omega_e - self._W - lag)
         if lowest <= 0.0:
-            raise ValueError(f"Omega_e = {self.law.Omega_e:g} rad/s leaves no speed beyond W")
+            raise ValueError(
+                f"Omega_e = {self.law.Omega_e:g} rad/s leaves no speed beyond the reference's; "
+                f"allowed: above W + 2 h V_rate, with W = {self.assumed.W:g} rad/s"
+            )
         return cells(self._speed, lowest, count)
 
     def _main_variation(self) -> Numbers:
