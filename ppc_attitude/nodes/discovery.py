@@ -125,16 +125,6 @@ def unused_domains() -> list[int]:
     return [domain for domain in DOMAINS if domain not in used]
 
 
-def ports(domain: int) -> range:
-    """UDP ports of a domain.
-
-    The first is for all participants, but some with discovery `LOCALHOST` do without; from the
-    eleventh on each has two.
-    """
-    first = _PORT_BASE + _PORTS_PER_DOMAIN * domain
-    return range(first, first + _PORTS_PER_DOMAIN)
-
-
 def choose_domain() -> int:
     """Return a random domain, one that nobody uses if there is one."""
     return random.SystemRandom().choice(unused_domains() or DOMAINS)
