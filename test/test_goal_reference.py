@@ -101,6 +101,8 @@ def test_what_becomes_of_the_goals_is_told() -> None:
     assert "inertial frame, turns by 42.71° in 1 leg, there at t = 33.357 s" in told[0].advice.text
     assert told[1].advice.warning
     assert "order 2 is refused: it is inside keep-out cone 0" in told[1].advice.text
+    (late,) = goals_told(flight(**goals((5.000000005, "inertial", DESIRED_ATTITUDE))))
+    assert late.time == pytest.approx(5.05), "the first step from its nanosecond on"
     assert goals_told(scenario({})) == []
 
 

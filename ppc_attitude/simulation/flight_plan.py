@@ -14,7 +14,6 @@
 
 """The fate of a scenario's goals: the reference alone, run over the instants of its orders."""
 
-import math
 from typing import NamedTuple
 
 from ppc_attitude.contract.topics import PLANT, REFERENCE
@@ -23,7 +22,7 @@ from ppc_attitude.science.guidance.orders import GOAL_TIMES
 from ppc_attitude.science.kinds import REFERENCES
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references import goal
-from ppc_attitude.science.stamps import seconds, stamp_of
+from ppc_attitude.science.stamps import nanoseconds, seconds, stamp_of, step_of
 from ppc_attitude.simulation.scenario import Scenario
 
 
@@ -54,7 +53,8 @@ def goals_told(scenario: Scenario) -> list[Answer]:
     craft = scenario.parameters[PLANT]
     part = Part(goal.COMPONENT, values)
     told = []
-    steps = sorted({math.ceil(time * rate - 1e-6) for time in values[GOAL_TIMES.name]})
+    near = ((step_of(due, rate), due) for due in map(nanoseconds, values[GOAL_TIMES.name]))
+    steps = sorted({step + (stamp_of(step, rate) < due) for step, due in near})
     for stamp_ns in [0, *(stamp_of(step, rate) for step in steps)]:
         before, refused = part.advices, int(part.state[0]["refused"])
         part.step(stamp_ns, craft["initial_attitude"])
