@@ -91,7 +91,7 @@ class Sample(NamedTuple):
 
 
 class Codec:
-    """Encoder and decoder for one topic with a stamp and then, of what is ours, float64 alone."""
+    """Encoder and decoder for the messages of one topic: a stamp, a frame name, float64 numbers."""
 
     def __init__(self, topic: Topic) -> None:
         self.topic = topic

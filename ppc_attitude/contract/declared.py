@@ -75,7 +75,8 @@ def _unbounded(
 ) -> str:
     """Say which column of a component has no possible bound; empty if all have.
 
-    What each column of others bounds is in `bounded`: what is judged by a bound has its name.
+    `bounded` has the column that each bound of other components bounds: a bound has one such
+    column, because the margin that a node tells has the name of the bound.
     """
     known = {**declared, **{each.column: each for each in topics}}
     bounds = [column.bound for column in component.outputs]
@@ -143,7 +144,8 @@ def bounds_of(
 ) -> tuple[tuple[str, str], ...]:
     """Return what bounds what in a run, as the components declare that it has.
 
-    What none of them gives, or nobody knows them, is bounded as the first of all declare.
+    A column that none of the run's components gives is bounded as the first component declares
+    that has it; so is each column where the run's components are not known.
 
     Parameters
     ----------
@@ -199,7 +201,8 @@ def nodes_of(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
 def columns_of(node: str, values: Mapping[str, Any]) -> tuple[Column, ...]:
     """Columns that a node puts on record at each instant.
 
-    The torque of an environment of ours is smooth: it is told from sudden disturbances in the sum.
+    The torque of an environment of ours is only in the sum of all disturbances: it is smooth, so
+    sudden ones can be told from it there.
     """
     columns = [column for each in components_of(node, values) for column in each.outputs]
     hidden = []

@@ -101,7 +101,7 @@ class RunRecord:
         Name of the control law.
     stamps_ns : ndarray of int64, shape (n,)
         Instants, strictly increasing [ns].
-    columns : mapping of str to ndarray, each of shape (n, 3) or (n, 4)
+    columns : mapping of str to ndarray, each of shape (n, width)
         Samples by column name (`contract.topics`); NaN where a message is missing. A quantity
         that the run does not have is not a key.
     missing : mapping of str to int

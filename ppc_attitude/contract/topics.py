@@ -204,8 +204,9 @@ CHANGES_TOPIC = Topic(
     "parameters/changed", DIAGNOSTICS, meaning="parameters that changed, from the stamp on"
 )
 ENABLED = "enabled"
-"""No parameter: told there by the controller when its torque is switched, and by the recorder of a
-node that is started again amid a run, which begins anew with it."""
+"""A name on `CHANGES_TOPIC` that is no parameter. The controller tells it when its torque is
+switched. The recorder tells it of a node that was started again during a run: a replay lets that
+node begin anew there."""
 RECORDED_TOPIC = Topic(
     "recorded_until",
     CLOCK,

@@ -74,7 +74,7 @@ from ppc_attitude.science.stamps import nanoseconds, seconds
 _QUIET = 0.3  # [s] without a message after which all that was sent has arrived
 _RUNS_ON = 1.0  # [s] after it is asked to end; who sends later than that has not been asked
 _BATCH = 0.005  # [s] messages that arrive within this time are taken together
-_CALM = 0.05  # [s] without a message after which the executor waits for the next: 0.5 ms for each
+_CALM = 0.05  # [s] of silence after which the executor waits for the next message, at 0.5 ms each
 _LISTEN = 0.05  # [s] between two looks at the topics that were silent
 _LONGEST = 0.1  # [s] after which a recorder in full flow looks for signals and services
 _CALLS = 5  # of the executor in full flow, each time: clock, timer, services and answers
@@ -204,8 +204,8 @@ class BagRecorder(BaseNode):
         recording, name, msgtype = self._recordings[home], topic.name, topic.msgtype
         ahead = topic.source in (REFERENCE, INJECTOR)  # they know instants before they come
 
-        # Who takes two arguments is told the number, also of what the executor has taken; rclpy's
-        # events executor fails at that.
+        # To a callback of two arguments rclpy also tells the publisher's number of the message.
+        # Its events executor fails at such a callback.
         def receive_event(data: bytes, about: Mapping[str, Any]) -> None:
             self._about = about
             recording.event(name, header_stamp(data, msgtype), data, topic.source == PLANT)

@@ -50,9 +50,8 @@ class RunGraph:
     """Topics of the nodes of some runs.
 
     A node is of a run if it has the name of one of ours, or publishes on a topic of the contract or
-    one that the starter has told, in the namespace of the run. At each instant there is a message
-    of what is between the nodes, and of what the starter has told to be so; of the rest nobody
-    knows.
+    one that the starter has told, in the namespace of the run. The topics between the nodes, and
+    those that the starter has told, have a message at each instant; nobody knows that of others.
 
     Parameters
     ----------

@@ -82,7 +82,8 @@ class Chain:
     def not_finite(self, signals: Mapping[str, Values], names: Iterable[str]) -> str:
         """Say which component has given numbers that are not finite, and whether its step failed.
 
-        Empty if those of these names are finite. Every peer would refuse them, and all would wait.
+        The text is empty if the numbers of these names are finite. Every peer would refuse others,
+        and a run in lock-step would wait for ever.
         """
         if isfinite(sum(map(sum, map(signals.__getitem__, names)))):
             return ""

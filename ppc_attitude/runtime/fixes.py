@@ -109,7 +109,7 @@ class Fixes(Instant):
         newest = self._guard.last
         if newest is not None and valid_ns - newest > LARGEST_STEP:
             raise out_of_order(self._late.name, valid_ns)
-        # One for which a sample would still have waited is worth the wait; a later one never is.
+        # The tracker is heard again with a fix for which a sample would still have waited.
         last = None if self._last is None else self._last - self._patience
         if self._slots.has(valid_ns) and (last is None or not self._slots.arrived(valid_ns, last)):
             self._is_heard = True

@@ -179,7 +179,7 @@ class Pace(ABC):
         return text + "".join(self._last(name) for name in missing if name not in absent)
 
     def _last(self, name: str) -> str:
-        """Say how old an input is: its peer has fallen silent, or copies no stamp of a state."""
+        """Tell the stamp of an input: its peer has fallen silent, or does not copy the states'."""
         stamp_ns = self.inputs[name].stamp
         told = f"; the last {name} has the stamp {seconds(stamp_ns):.3f} s"
         return told if stamp_ns >= 0 else ""

@@ -21,7 +21,7 @@ from ppc_attitude.science.stamps import NANOSECONDS
 
 _ENOUGH = 20  # messages in turns with another's that make a publisher one that lives
 _MOST_AT_ONCE = 5  # of them that one return proves: a single one may be an error
-_LARGEST_STEP = NANOSECONDS
+_LARGEST_STEP = NANOSECONDS  # from stamp to stamp: no plant runs at less than 1 Hz
 _REPEATS = 0.5  # [s] after which a stamp may come again: a flood of copies proves nothing
 _HEARD = 5.0  # [s] after its last message a second publisher counts as gone
 _NEW = 10.0  # [s] who was older than this when another came never gives way

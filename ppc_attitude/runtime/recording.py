@@ -76,7 +76,10 @@ class _Rhythm:
         self._steps.clear()
 
     def _settle(self, ratio: float) -> None:
-        """Count a long step, unless one beside it is shorter: then a state was only late."""
+        """Count a long step whose state before it is lost, not late.
+
+        With the steps beside it, it takes 3 periods if a state was only late, and 4 if one is lost.
+        """
         if self._long and self._long[2] + ratio >= 3.5:
             before, after, _ = self._long
             self._jumped += 1
@@ -261,7 +264,7 @@ class Recording:
         present = self._states.epoch, stamp_ns
         # Who joins a run hears answers to states that it has not heard: they are left out.
         is_first = self._states.stretches[-1].count == 1
-        if stamp_ns:  # of before zero nothing waits but that of a time that may go on
+        if stamp_ns:  # at zero the time before may still go on, and what waits is part of it
             self._pass(present, joins=is_first and now < self._heard + _JOINS)
         self._unreported += 1
         self._latest[stamp_ns] = None

@@ -74,7 +74,7 @@ class Scenario:
     def overlaid(self, chosen: Overrides) -> "Scenario":
         """Return a copy with some parameters replaced by allowed values.
 
-        Whether the components can run with them is for `check_components`, or who runs them.
+        Whether the components can run with them is checked by `check_components`, or by the run.
         """
         changed = {
             node: {**self.parameters[node], **checked(PARAMETERS[node], values, node)}
@@ -97,7 +97,7 @@ class Scenario:
 
 
 def weakened(plant: Mapping[str, Any], strength: float) -> dict[str, Any]:
-    """Torque limits of the plant's actuator, by name, times a strength that it knows itself."""
+    """Torque limits that the plant's actuator declares, by name, each times a strength."""
     actuator = ACTUATORS.selected(plant)
     names = actuator.limits if actuator else ()
     return {name: np.multiply(strength, plant[name]).tolist() for name in names}
@@ -284,7 +284,7 @@ def agreed(node: str, values: Mapping[str, Value]) -> list[str]:
 
 
 def spread(base: Overrides, changed: Overrides) -> dict[str, dict[str, Any]]:
-    """Give changes of what nodes must have alike to every node that has not one of its own."""
+    """Give a change of what nodes must have alike to each of them that gets no value of its own."""
     alike = {node: agreed(node, base[node]) for node in SOURCES}
     shared: dict[str, Any] = {}
     for node in reversed(SOURCES):  # the plant's come last, and stay
