@@ -28,6 +28,7 @@ from craft_helpers import part_of
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from peer import Beside
 from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 
 from ppc_attitude.bags.errors import BagError
@@ -39,6 +40,7 @@ from ppc_attitude.contract.topics import (
     DIAGNOSTICS_TOPIC,
     DISTURBANCE,
     INJECT,
+    RECORDED_TOPIC,
     REFERENCE_ACCELERATION,
     REFERENCE_ATTITUDE,
     REFERENCE_RATE,
@@ -379,6 +381,16 @@ def test_a_pace_that_is_set_acts_at_once(admit: Callable[..., Patient]) -> None:
     patient.until(lambda: patient.node.pace.step == 1)
     patient.node.set_parameters([Parameter("real_time_factor", value=0.0)])
     patient.until(lambda: patient.node.wake() and patient.node.pace._shown)
+
+
+def test_a_plant_goes_on_after_bytes_that_tell_no_progress(admit: Callable[..., Patient]) -> None:
+    patient = admit(SpacecraftPlant)
+    progress = patient.peer.create_publisher(Clock, RECORDED_TOPIC.name, 1)
+    patient.until(lambda: progress.get_subscription_count() > 0)
+    progress.publish(bytes(4))
+    patient.until(lambda: patient.node.health.refused[RECORDED_TOPIC.name] == 1)
+    patient.feed(0)
+    patient.says(WARN, "refused 1")
 
 
 def test_a_gyro_that_is_made_coarse_in_flight_is_warned_of_and_that_it_is_over() -> None:

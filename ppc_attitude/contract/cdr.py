@@ -323,18 +323,6 @@ def encode_clock(stamp_ns: int) -> bytes:
     return struct.pack("<4siI", _LITTLE_ENDIAN, sec, nanosec)
 
 
-def decode_clock(data: bytes) -> int:
-    """Stamp [ns] of a rosgraph_msgs/Clock.
-
-    Raises
-    ------
-    CdrError
-        The bytes are not a clock message.
-    """
-    order, _ = encapsulation(data)
-    return _stamp(data, order)
-
-
 def header_stamp(data: bytes, msgtype: str) -> int | None:
     """Stamp [ns] of a serialised message whose type begins with a header or is a clock.
 
@@ -345,9 +333,10 @@ def header_stamp(data: bytes, msgtype: str) -> int | None:
     if len(data) >= _AFTER_STAMP and data.startswith(_OURS):  # the recorder reads every stamp
         return _stamp(data)
     try:
-        return decode_clock(data)  # a header begins as a clock does
+        order, _ = encapsulation(data)
     except CdrError:
         return None
+    return _stamp(data, order)  # a header begins as a clock does
 
 
 def finite(values: tuple[float, ...]) -> bool:

@@ -21,7 +21,7 @@ from typing import Any
 
 from std_srvs.srv import Trigger
 
-from ppc_attitude.contract.cdr import LARGEST, decode_clock, encode_clock
+from ppc_attitude.contract.cdr import LARGEST, encode_clock, header_stamp
 from ppc_attitude.contract.declared import BY_COLUMN, columns_of, components_of, gives
 from ppc_attitude.contract.parameters import SEND_TRUTH, WAIT_FOR_RECORDER
 from ppc_attitude.contract.topics import (
@@ -183,8 +183,11 @@ class SpacecraftPlant(BaseNode):
             self.wake_now()
 
     def _on_recorded(self, data: bytes) -> None:
-        if isinstance(self.pace, Lockstep):
-            self._moved(self.pace.record, decode_clock(data))
+        stamp_ns = header_stamp(data, RECORDED_TOPIC.msgtype)
+        if stamp_ns is None:
+            self.refuse(RECORDED_TOPIC.name, f"{RECORDED_TOPIC.name}: {len(data)} bytes, no stamp")
+        elif isinstance(self.pace, Lockstep):
+            self._moved(self.pace.record, stamp_ns)
 
     def _moved(self, move: Callable[..., Any], *values: Any) -> Any:
         """Let the pace do something at the present time; see whether the craft goes on."""
