@@ -149,7 +149,8 @@ def test_a_node_that_is_started_again_is_asked_again(
             if k == 3.0:  # the run has begun
                 beside.send(ATTITUDE, stamp_of(asked, 100.0), UNIT)
             node = rclpy.create_node(name)
-            node.declare_parameters("", [("k", k), ("controller", "ppc")])
+            theirs = ("key", [b"\x01", b"\xff"])  # JSON knows no bytes
+            node.declare_parameters("", [("k", k), ("controller", "ppc"), theirs])
             beside.executor.add_node(node)
             asked += 1
             beside.until(has_answered)
@@ -157,7 +158,7 @@ def test_a_node_that_is_started_again_is_asked_again(
             node.destroy_node()
         beside.send(ATTITUDE, stamp_of(asked, 100.0), UNIT)
     record = read_run(bag)
-    assert record.parameters[name]["k"] == 2.0
+    assert (record.parameters[name]["k"], record.parameters[name]["key"]) == (2.0, [1, 255])
     told = {(change.stamp_ns, change.name, change.value) for change in record.changes}
     begun = {(stamp_of(step, 100.0), "enabled", True) for step in (2, 3)}
     assert told == {(stamp_of(2, 100.0), "k", 3.0), *begun}

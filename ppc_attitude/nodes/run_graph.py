@@ -152,7 +152,10 @@ class ParameterSurvey:
         if start in self._answered or len(answer) != len(names):
             return
         self._answered[start] = who
-        values = map(parameter_value_to_python, answer)
+        values = (  # JSON knows no bytes: they become numbers
+            [byte[0] for byte in each.byte_array_value] or parameter_value_to_python(each)
+            for each in answer
+        )
         told = dict(zip(names, (unquoted(with_lists(each)) for each in values), strict=True))
         self._on_answer(*who, told)
 
