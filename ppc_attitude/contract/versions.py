@@ -16,6 +16,7 @@
 
 import platform
 import subprocess
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -34,10 +35,8 @@ def versions() -> dict[str, str]:
     """
     found = {"ppc_attitude": __version__, "python": platform.python_version()}
     for package in _PACKAGES:
-        try:
+        with suppress(PackageNotFoundError):
             found[package] = version(package)
-        except PackageNotFoundError:
-            continue
     found |= {p.dist.name: p.dist.version for kind in KINDS for p in kind.points if p.dist}
     revision = _git_revision()
     if revision:

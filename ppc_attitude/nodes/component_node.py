@@ -153,9 +153,8 @@ class ComponentNode(BaseNode):
 
     def status(self) -> Status:
         """Waiting for inputs, outside an envelope, or running."""
-        normalised = {}
-        for part in self.chain.parts:
-            normalised.update(part.normalised_errors())
+        told = [part.normalised_errors() for part in self.chain.parts]
+        normalised = {name: value for each in told for name, value in each.items()}
         margins = {f"{name} margin": 1.0 - value for name, value in normalised.items()}
         details = {**self.details(), **margins, **self.chain.numbers}
         if self.is_idle():
