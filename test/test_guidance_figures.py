@@ -237,6 +237,8 @@ def test_an_attitude_that_is_not_known_is_in_no_cone_and_nowhere_on_the_sky(
         columns={name: rows[100:] for name, rows in record.columns.items()},
     )
     assert approaches_of(lacking) == approaches_of(known)
+    attitude[:] = 0.0
+    assert approaches_of(lacking) == []
     assert np.isnan(pointed(np.zeros((1, 4)), (0.0, 0.0, 1.0))).all()
 
 

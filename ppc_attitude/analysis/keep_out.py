@@ -96,11 +96,12 @@ def approaches_of(record: RunRecord) -> list[Approach]:
     values, attitude = guidance_values(record), truth_of(record).attitude
     if values is None or not values[HALF_ANGLES.name] or not has(record, attitude):
         return []
-    nearest = np.nanmin(angles_to_cones(record, attitude, values), axis=0).tolist()
-    return [
-        Approach(*each)
-        for each in zip(cone_names(values), nearest, values[HALF_ANGLES.name], strict=True)
-    ]
+    angles = angles_to_cones(record, attitude, values)
+    seen = angles[np.isfinite(angles).all(axis=1)]
+    if not seen.size:  # of an estimator that never had a fix
+        return []
+    told = cone_names(values), seen.min(axis=0).tolist(), values[HALF_ANGLES.name]
+    return [Approach(*each) for each in zip(*told, strict=True)]
 
 
 def judge_cones(run: Measured) -> Iterator[Requirement]:
