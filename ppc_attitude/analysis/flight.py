@@ -125,26 +125,6 @@ def flight_of(record: RunRecord) -> Flight | None:
     )
 
 
-def refusals_of(record: RunRecord) -> tuple[int, str] | None:
-    """How many orders the guidance of a run refused, and why the first; None if it had none.
-
-    Raises
-    ------
-    ConfigurationError
-        The parameters on record are infeasible.
-    """
-    obeyed = refused = 0
-    reason, flown = "", None
-    for _, part, _ in _flown(record, 1):
-        if part is not flown:
-            flown, before = part, (obeyed, refused)
-        state = part.state[0]
-        obeyed, refused = before[0] + int(state["obeyed"]), before[1] + int(state["refused"])
-        if refused and not reason and state["outcome"] != ACCEPTED:  # of the last one of an instant
-            reason = part.advice.text
-    return (refused, reason) if obeyed else None
-
-
 def _flown(record: RunRecord, samples: int) -> Iterator[tuple[int, Part, dict[str, Any]]]:
     """Yield number of each instant of `_instants`, the reference after it, and its parameters.
 
@@ -206,8 +186,21 @@ def pointed(attitudes: Array, axis: Any) -> Array:
 
 
 def judge_orders(run: Measured) -> Iterator[Requirement]:
-    """Judge that every order was followed: a refused one leaves the reference where it was."""
-    found = refusals_of(run.record)
-    if found is not None:
-        refused, reason = found
+    """Judge that every order was followed: a refused one leaves the reference where it was.
+
+    Raises
+    ------
+    ConfigurationError
+        The parameters on record are infeasible.
+    """
+    obeyed = refused = 0
+    reason, flown = "", None
+    for _, part, _ in _flown(run.record, 1):
+        if part is not flown:
+            flown, before = part, (obeyed, refused)
+        state = part.state[0]
+        obeyed, refused = before[0] + int(state["obeyed"]), before[1] + int(state["refused"])
+        if refused and not reason and state["outcome"] != ACCEPTED:  # of the last one of an instant
+            reason = part.advice.text
+    if obeyed:
         yield run.row("refused_orders", float(refused), 0.0, note=reason)

@@ -174,19 +174,15 @@ def _paired(rises: Array, same: float) -> list[_Found]:
             continue
         end = int(undoing[0])
         left[end] = False
-        pulses.append((k, end, _triple((rises[k] - rises[end]) / 2.0)))
+        pulses.append((k, end, tuple(((rises[k] - rises[end]) / 2.0).tolist())))
     level = np.zeros(3)
     for k, after in pairwise(unpaired):
         level = level + rises[k]
         if np.abs(level).max() > same:
-            pulses.append((k, after, _triple(level)))
+            pulses.append((k, after, tuple(level.tolist())))
     return pulses
 
 
 def _same(torques: Array, other: Array, same: float) -> Mask:
     """Which torques, of shape (…, 3), equal the other but for the environment's drift."""
     return np.asarray(np.abs(torques - other).max(axis=-1) <= same)
-
-
-def _triple(value: Array) -> tuple[float, float, float]:
-    return float(value[0]), float(value[1]), float(value[2])

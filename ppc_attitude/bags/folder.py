@@ -16,6 +16,7 @@
 
 import os
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -47,9 +48,9 @@ class Bag:
     Attributes
     ----------
     topics : dict of str to str
-        Type of each topic met so far; complete after `blocks`.
+        Type of each topic; complete after `blocks`.
     counts : dict of str to int
-        Messages of each topic met so far.
+        Messages of each topic; complete after `blocks`.
     custom_data : dict of str to str
         What the bag says about its run; complete after `blocks`.
     live : bool
@@ -66,7 +67,7 @@ class Bag:
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self.topics: dict[str, str] = {}
-        self.counts: dict[str, int] = {}
+        self.counts: Counter[str] = Counter()
         folder = self.path if self.path.is_dir() else self.path.parent
         self.live = claimed(folder)
         self.flaws: list[str] = []
@@ -100,10 +101,12 @@ class Bag:
         for raw in merge_blocks(source.blocks()):
             # The metadata say so too, where there are any.
             block = decompressed(raw, allowance) if are_compressed(raw) else raw
-            self._count(source.channels, block)
+            for key, met in zip(*np.unique(block.channel, return_counts=True), strict=True):
+                self.counts[source.channels[int(key)].topic] += int(met)
             yield source.channels, block
         for channel in source.channels.values():
             self.topics.setdefault(channel.topic, channel.msgtype)
+            self.counts.setdefault(channel.topic, 0)
         if source.cut:
             self.flaws.append(source.cut)
         self.custom_data = {**source.custom_data, **self.custom_data}
@@ -120,13 +123,6 @@ class Bag:
             except BagError as error:
                 self.flaws.append(f"{path.name} is damaged: {error}")
             return _opened(plain, path, allowance, finished=True)
-
-    def _count(self, channels: Mapping[int, Channel], block: Block) -> None:
-        for channel in channels.values():
-            self.topics.setdefault(channel.topic, channel.msgtype)
-            self.counts.setdefault(channel.topic, 0)
-        for key, met in zip(*np.unique(block.channel, return_counts=True), strict=True):
-            self.counts[channels[int(key)].topic] += int(met)
 
     def _compare_counts(self) -> None:
         promised = self._information.get("message_count")
