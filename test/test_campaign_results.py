@@ -14,6 +14,7 @@
 
 """What a campaign comes to: errors over time, shares with intervals, figures, report, command."""
 
+import errno
 import math
 import os
 import shlex
@@ -109,10 +110,11 @@ def test_quantiles_are_true_to_a_level(share: float) -> None:
 
 @pytest.mark.parametrize(("met", "judged"), [(0, 10), (3, 7), (50, 50), (9990, 10000)])
 def test_interval_is_wilsons(met: int, judged: int) -> None:
-    low, high = Fraction(met, judged).interval
-    expected = stats.binomtest(met, judged).proportion_ci(method="wilson")
-    assert low == pytest.approx(expected.low, abs=1e-12)
-    assert high == pytest.approx(expected.high, abs=1e-12)
+    """Its ends p are where |met/judged − p| is 1.96 of its standard deviations √(p(1 − p)/n)."""
+    share, z = met / judged, stats.norm.ppf(0.975)
+    for end in Fraction(met, judged).interval:
+        off = z**2 * end * (1.0 - end) / judged
+        assert (share - end) ** 2 == pytest.approx(off, rel=1e-9, abs=1e-15)
 
 
 def test_nothing_judged_is_nothing_known() -> None:
@@ -236,6 +238,20 @@ def test_command_gives_the_campaign(finished: Finished, tmp_path: Path, ask: Ask
     assert told["requirements"] == finished.summary.to_json()["requirements"]
     assert rows_of(out) == rows_of(finished.folder)
     assert report.exists()
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_report_for_which_there_is_no_room_costs_no_summary(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Ask
+) -> None:
+    def full(path: Path, *_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+    monkeypatch.setattr("ppc_attitude.campaign.report.write_page", full)
+    options = ["--runs=1", f"--out={tmp_path / 'out'}", f"--report={tmp_path / 'report.html'}"]
+    told = ask(*written(tmp_path), *options, code=2)
+    assert told.out.startswith("1 runs of 3 s")
+    assert told.err.endswith("report.html: No space left on device\n")
 
 
 @pytest.mark.usefixtures("undrawn")

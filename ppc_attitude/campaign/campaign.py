@@ -89,7 +89,7 @@ def run_campaign(
     stop : threading.Event, optional
         Set it to end early, with what is there.
     beginning : callable, optional
-        Gives the context in which kernels are compiled, or a scheduler is waited for.
+        Gives the context in which workers are started, or a scheduler is waited for.
 
     Returns
     -------

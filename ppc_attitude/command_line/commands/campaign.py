@@ -144,7 +144,14 @@ def execute(arguments: argparse.Namespace) -> int:
             )
         except CampaignError as error:
             raise RunError(str(error)) from None
-    _tell(arguments, campaign, finished, time.monotonic() - start)
+    _tell(campaign, finished, time.monotonic() - start, as_json=arguments.json)
+    if arguments.report:
+        from ppc_attitude.campaign.report import write_campaign_report
+
+        title, now = arguments.mission, f"{datetime.now():%Y-%m-%d %H:%M}"
+        again = _again(arguments)
+        write_campaign_report(campaign, finished, again, arguments.report, mission=title, date=now)
+        print(f"report: {arguments.report}", file=sys.stderr)
     return _exit_code(finished)
 
 
@@ -170,18 +177,9 @@ def _tell_one(arguments: argparse.Namespace, campaign: Campaign, verdict: Verdic
     write_report_of(arguments, [verdict], sys.stderr)
 
 
-def _tell(
-    arguments: argparse.Namespace, campaign: Campaign, finished: Finished, seconds: float
-) -> None:
+def _tell(campaign: Campaign, finished: Finished, seconds: float, *, as_json: bool) -> None:
     summary = finished.summary
-    if arguments.report:
-        from ppc_attitude.campaign.report import write_campaign_report
-
-        title, now = arguments.mission, f"{datetime.now():%Y-%m-%d %H:%M}"
-        again = _again(arguments)
-        write_campaign_report(campaign, finished, again, arguments.report, mission=title, date=now)
-        print(f"report: {arguments.report}", file=sys.stderr)
-    if arguments.json:
+    if as_json:
         print_json(
             {
                 "campaign": str(finished.folder),
