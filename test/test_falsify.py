@@ -195,6 +195,13 @@ def test_the_environment_knows_the_inertia_of_the_worst_case(tmp_path: Path, ask
     assert "*id" not in (tmp_path / "worst.yaml").read_text()  # ROS reads no aliases
 
 
+def test_a_limit_is_told_as_it_was_meant(tmp_path: Path, ask: Ask) -> None:
+    """Of a certificate for 3°/s it was 3.0000000000000004."""
+    told = ["--goal=rate", "--duration=1", "--runs=1", "--pieces=0", f"--out={tmp_path}", "--json"]
+    law = [f"--config={path}" for path in configs("paper", "guaranteed")]
+    assert ask("falsify", *law, *told).json["limit"] == 3.0
+
+
 def test_an_option_that_chose_the_law_is_in_the_worst_case(tmp_path: Path, ask: Ask) -> None:
     """Else the file, run with the same configuration, was a run of the paper's law."""
     told = ["--controller=quaternion_feedback", "--duration=5", "--runs=1", "--pieces=0"]
