@@ -14,15 +14,14 @@
 
 """What a run in process tells of its parts: the same, and at the same instants, as the nodes."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from craft_helpers import CONFIG, case
-from process_helpers import PAPER
+from conftest import Ask
+from craft_helpers import case, configs, overlay
 
-from ppc_attitude.command_line.main import main
+from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science.stamps import seconds
 from ppc_attitude.simulation.closed_loop import stamps_of
 from ppc_attitude.simulation.diagram import Diagram
@@ -86,17 +85,16 @@ def test_a_part_that_warns_all_the_time_is_heard_ten_times() -> None:
 
 @pytest.mark.parametrize("command", [["simulate"], ["campaign", "--only", "3", "--campaign"]])
 def test_fuel_that_is_used_up_is_told_beside_the_result(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: list[str]
+    tmp_path: Path, ask: Ask, command: list[str]
 ) -> None:
-    little, varied = tmp_path / "little.yaml", tmp_path / "varied.yaml"
-    little.write_text("spacecraft_plant: {ros__parameters: {thrusters.fuel: 1.0e-4}}\n")
+    little = overlay(tmp_path / "little.yaml", {PLANT: {"thrusters.fuel": 1e-4}})
+    varied = tmp_path / "varied.yaml"
     varied.write_text("campaign: {initial_attitude: {distribution: cone, angle: 0.1}}\n")
     if "--campaign" in command:
         command = [*command, str(varied)]
-    overlays = ["--config", str(CONFIG / "thrusters.yaml"), "--config", str(little)]
-    main([*command, "--config", str(PAPER), *overlays, "--duration", "10", "--json"])
-    out, err = capsys.readouterr()
-    assert json.loads(out)["controller"] == "ppc"
-    (line,) = (line for line in err.splitlines() if "fuel" in line)
+    files = [f"--config={file}" for file in (*configs("paper", "thrusters"), little)]
+    told = ask(*command, *files, "--duration", 10, "--json", code=1)
+    assert told.json["controller"] == "ppc"
+    (line,) = (line for line in told.err.splitlines() if "fuel" in line)
     assert line.startswith("error: at t = ")
     assert line.endswith(" s the fuel is used up: the thrusters give no torque")

@@ -14,18 +14,17 @@
 
 """Replay finds no difference in a run of ours, whatever was changed in flight."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Ask
 from craft_helpers import configs
 from synthetic import with_columns, without_columns
 
 from ppc_attitude.bags.run_writer import write_run
-from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import ATTITUDE, CONTROLLER, ENABLED, ESTIMATOR, PLANT, REFERENCE
@@ -277,13 +276,12 @@ def test_a_law_begins_anew_where_stamps_leap_as_its_node_does() -> None:
 
 
 def test_a_replay_of_a_record_that_begins_late_says_why_it_differs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, ask: Ask
 ) -> None:
     run = simulate(scenario({}), 3.0)
     late = {name: values[100:] for name, values in run.columns.items()}
     write_run(replace(run, stamps_ns=run.stamps_ns[100:], columns=late), tmp_path / "bag")
-    assert main(["replay", str(tmp_path / "bag")]) == 1
-    told = capsys.readouterr()
+    told = ask("replay", tmp_path / "bag", code=1)
     assert "rigid_body: 201 steps replayed, 0 skipped" in told.out
     assert "warning: the record begins at 1 s: what came before is not in it" in told.err
     rig = {node: values for node, values in run.parameters.items() if node != PLANT}
@@ -291,9 +289,8 @@ def test_a_replay_of_a_record_that_begins_late_says_why_it_differs(
         late = {name: values[begin:] for name, values in run.columns.items()}
         cut = replace(run, stamps_ns=run.stamps_ns[begin:], columns=late, parameters=rig)
         write_run(cut, tmp_path / f"rig{begin}")
-        assert main(["replay", str(tmp_path / f"rig{begin}")]) == code
         reason = "warning: nothing tells if the record begins with the run"
-        assert (reason in capsys.readouterr().err) == bool(code)
+        assert (reason in ask("replay", tmp_path / f"rig{begin}", code=code).err) == bool(code)
 
 
 def test_a_law_that_nobody_knows_is_named() -> None:
@@ -308,36 +305,33 @@ def test_a_law_that_nobody_knows_is_named() -> None:
 
 
 def test_the_command_names_a_law_that_is_not_installed_and_replays_the_rest(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, ask: Ask
 ) -> None:
     record = simulate(scenario({}), 0.1)
     law = {**record.parameters[CONTROLLER], "controller": "theirs", "theirs.gain": 1.0}
     parameters = {**record.parameters, CONTROLLER: law}
     write_run(replace(record, controller="theirs", parameters=parameters), tmp_path / "bag")
-    assert main(["replay", str(tmp_path / "bag")]) == 0
-    told, said = capsys.readouterr()
+    told, said = ask("replay", tmp_path / "bag")
     assert "rigid_body: 11 steps replayed" in told
     assert told.count("not known here, so left out: controller = theirs\n") == 1
     assert "warning: not installed: controller = theirs; columns that nothing else gives" in said
     assert "not known here, so left out: theirs.gain" in told
-    assert main(["replay", str(tmp_path / "bag"), "--json"]) == 0
-    page = json.loads(capsys.readouterr().out)
+    page = ask("replay", tmp_path / "bag", "--json").json
     assert page["largest_difference"] is page["steps"] is None
     assert len(page["components"]) == 4
 
 
 def test_a_law_that_gives_no_number_differs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As one that was changed since, or that needs what the bag lacks."""
     write_run(simulate(scenario({}), 0.1), tmp_path / "bag")
     law = CONTROLLERS.components["ppc"]
     broken = law.extended("ppc", step=_gives_nan)
     monkeypatch.setitem(CONTROLLERS.components, "ppc", broken)
-    assert main(["replay", str(tmp_path / "bag")]) == 1
-    assert "largest difference of torque_command inf N·m at t = 0.000 s" in capsys.readouterr().out
-    assert main(["replay", str(tmp_path / "bag"), "--json"]) == 1
-    page = json.loads(capsys.readouterr().out)
+    told = ask("replay", tmp_path / "bag", code=1).out
+    assert "largest difference of torque_command inf N·m at t = 0.000 s" in told
+    page = ask("replay", tmp_path / "bag", "--json", code=1).json
     assert page["largest_difference"] is page["components"][0]["largest"] is None
 
 

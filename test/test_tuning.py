@@ -23,13 +23,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-import yaml
+from conftest import Ask
+from craft_helpers import overlay
 
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import Accuracy, Requirements
 from ppc_attitude.campaign.declaration import Campaign, campaign, scenario_of_run
 from ppc_attitude.campaign.tuning import GAINS, Tuned, cost, tuned
-from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import simulate
@@ -149,16 +149,10 @@ def test_a_gain_that_no_search_would_change_or_keep_is_refused(
         tuned(of, 1.0, threads)
 
 
-def test_design_writes_gains_and_says_that_they_are_no_guarantee(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    craft, gains = tmp_path / "craft.yaml", tmp_path / "gains.yaml"
-    craft.write_text(
-        yaml.safe_dump({f"/**/{node}": {"ros__parameters": v} for node, v in CUBESAT.items()})
-    )
-    law = ["--controller", "quaternion_feedback", "--seconds", "0.01", "--rate", "0.5"]
-    main(["design", "--config", str(craft), *law, "--output", str(gains)])
-    told = capsys.readouterr().out
+def test_design_writes_gains_and_says_that_they_are_no_guarantee(tmp_path: Path, ask: Ask) -> None:
+    craft, gains = overlay(tmp_path / "craft.yaml", CUBESAT), tmp_path / "gains.yaml"
+    law = ["--controller", "quaternion_feedback", "--seconds", 0.01, "--rate", 0.5]
+    told = ask("design", "--config", craft, *law, "--output", gains, code=1).out
     assert "sets of gains: quaternion_feedback.natural_frequency = 0.1, " in told
     assert "of 200 fresh runs meet every requirement that they are judged by: " in told
     assert "no guarantee" in told
@@ -168,12 +162,9 @@ def test_design_writes_gains_and_says_that_they_are_no_guarantee(
     assert math.isfinite(values["quaternion_feedback.damping"])
 
 
-def test_a_search_over_runs_that_begin_settled_says_so(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    craft = tmp_path / "craft.yaml"
+def test_a_search_over_runs_that_begin_settled_says_so(tmp_path: Path, ask: Ask) -> None:
     given = {"reference_generator": {"mode": "goal"}, "spacecraft_plant": {"rate": 5.0}}
-    craft.write_text(yaml.safe_dump({node: {"ros__parameters": v} for node, v in given.items()}))
-    law = ["--controller", "quaternion_feedback", "--seconds", "0.01", "--rate", "0.01"]
-    main(["design", "--config", str(craft), *law, "--duration", "60"])
-    assert "settled: all from the start on, so that no run shows how" in capsys.readouterr().out
+    craft = overlay(tmp_path / "craft.yaml", given)
+    law = ["--controller", "quaternion_feedback", "--seconds", 0.01, "--rate", 0.01]
+    told = ask("design", "--config", craft, *law, "--duration", 60).out
+    assert "settled: all from the start on, so that no run shows how" in told
