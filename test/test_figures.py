@@ -338,6 +338,16 @@ def test_only_what_the_controller_has(normal):
     ]
 
 
+def test_an_envelope_that_is_zero_before_the_first_fix_takes_no_decades(normal):
+    """The panel of a run with `initial_fix: false` reached down to 1e-16."""
+    rows = normal["attitude_envelope"].copy()
+    rows[:3] = 0.0
+    late = with_columns(normal, attitude_envelope=rows)
+    figures = (error_figure(Measured(run), ENVELOPES[0]) for run in (normal, late))
+    usual, found = (figure.axes[1].get_ylim()[0] for figure in figures)
+    assert usual == found
+
+
 def test_missing_samples_are_gaps(normal):
     rows = normal["attitude_error"].copy()
     rows[100:200] = np.nan

@@ -88,8 +88,8 @@ def error_comparison(runs: Sequence[Measured], labels: Sequence[str], envelope: 
         series.append((run.t, error, factor * vectors(run.record, bound)))
     widest = max(values.shape[1] for _, values, _ in series)
     rows = [f"|{symbols(envelope.title)}|\n{axis} [{unit}]" for axis in AXES[:widest]]
-    least = min(float(np.nanmin(bound)) for _, _, bound in series if bound is not None)
-    return _side_by_side(runs, labels, series, rows, floor=log_floor(least))[0]
+    floor = min(log_floor(bound) for _, _, bound in series if bound is not None)
+    return _side_by_side(runs, labels, series, rows, floor=floor)[0]
 
 
 def angular_velocity_comparison(runs: Sequence[Measured], labels: Sequence[str]) -> Figure:

@@ -275,8 +275,8 @@ def _in_envelope(run: Measured, envelope: Envelope, error: Array, bound: Array |
         title = symbols(envelope.title)
         axes.set_ylabel(f"|{title}| [{unit}]" if magnitude else f"{title} [{unit}]")
         if magnitude:
-            least = np.nanmin(bound) if bound is not None else np.nanmax(np.abs(error))
-            log_axis(axes, log_floor(float(least)))
+            seen = np.nanmax(np.abs(error), keepdims=True) if bound is None else bound
+            log_axis(axes, log_floor(seen))
     if not envelope.jumps:
         accuracy_limits(shown[1], run, "")
     finish(shown, run)

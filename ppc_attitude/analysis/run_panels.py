@@ -78,9 +78,14 @@ def symbols(text: str) -> str:
     return re.sub(r"\b(\w)_(\w+)\b", r"$\1_{\2}$", text)
 
 
-def log_floor(least: float) -> float:
-    """Where a logarithmic panel ends, from the least envelope: zero crossings reach no lower."""
-    return float(10.0 ** np.floor(np.log10(max(least, 1e-12) / BELOW)))
+def log_floor(envelope: Array) -> float:
+    """Where a logarithmic panel ends, from the least envelope: zero crossings reach no lower.
+
+    While the law has no attitude its envelope is zero, which does not count.
+    """
+    known = envelope[envelope > 0.0]
+    least = max(float(known.min()), 1e-12) if known.size else 1e-12
+    return float(10.0 ** np.floor(np.log10(least / BELOW)))
 
 
 def fit(axes: Axes, window: tuple[float, float], shown: Sequence[tuple[Array, Array]]) -> None:
