@@ -192,6 +192,8 @@ WRONG = [
     ("campaign --out a_file/out", "a_file is no folder"),
     ("campaign --runs 0", "error: argument --runs: 0; allowed: whole numbers from 1"),
     ("campaign --workers 0", "error: argument --workers: 0; allowed: whole numbers from 1"),
+    ("campaign --seed -1", "argument --seed: -1; allowed: whole numbers from 0"),
+    ("campaign --only -1", "argument --only: -1; allowed: whole numbers from 0"),
     ("campaign --record", "--only INDEX"),
     ("campaign --bag b", "--only INDEX"),
     ("campaign --only 1 --out o", "--out is for several runs, without --only"),

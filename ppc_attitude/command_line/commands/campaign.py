@@ -74,9 +74,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=some_path,
         help="what varies; default config/campaign.yaml",
     )
-    at_least_one = number(1, 1e9, whole=True)
+    at_least_one, from_zero = number(1, 1e9, whole=True), number(0, whole=True)
     parser.add_argument("--runs", metavar="N", type=at_least_one, help=f"default {RUNS}")
-    parser.add_argument("--seed", metavar="S", type=int, default=0, help="default 0")
+    parser.add_argument("--seed", metavar="S", type=from_zero, default=0, help="default 0")
     parser.add_argument(
         "--workers",
         metavar="N",
@@ -92,7 +92,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=new_folder,
         help="folder of the results; default a new, dated one",
     )
-    parser.add_argument("--only", metavar="INDEX", type=int, help="repeat this run alone")
+    parser.add_argument("--only", metavar="INDEX", type=from_zero, help="repeat this run alone")
     parser.add_argument(
         "--record", action="store_true", help="with --only: run it through the nodes, and record it"
     )
