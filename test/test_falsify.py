@@ -280,6 +280,22 @@ def test_a_run_that_diverges_is_worst_of_all(name: str) -> None:
     assert Goal(name).value(simulate(base, 20.0), base.controller) == math.inf
 
 
+@pytest.mark.parametrize(
+    ("chosen", "told"),
+    [
+        ({"eta": 1e-3}, r"min_torque = 0\.0001 N·m must be smaller than max_torque = 5"),
+        ({"rate": 80.0}, r"initial_angular_velocity = .* turns by 0\.8 rad in a step"),
+        ({"pieces": 5000}, r"the pulse from 0\.004 to 0\.008 s lies between two"),
+    ],
+)
+def test_what_no_craft_can_fly_is_refused_before_the_search(
+    chosen: dict[str, float], told: str
+) -> None:
+    """A search ended at the first choice that came near its bounds, and told of no worst case."""
+    with pytest.raises(ConfigurationError, match=told):
+        space_of(**chosen)
+
+
 def test_wheels_cannot_be_late() -> None:
     base = load(configs("paper", "wheels"))
     with pytest.raises(ConfigurationError, match="actuator = wheels has no parameter late_command"):

@@ -28,7 +28,13 @@ from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kinds import ACTUATORS, PLANTS, REFERENCES
 from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.science.references.paper import BEGIN
-from ppc_attitude.simulation.scenario import Scenario, see_that_it_has, spread, weakened
+from ppc_attitude.simulation.scenario import (
+    Scenario,
+    check_components,
+    see_that_it_has,
+    spread,
+    weakened,
+)
 
 _START = 7  # numbers of the start: a quaternion of any length, and a rate
 # Numbers of the craft: six of a symmetric matrix, the actuator's strength, the instant of the
@@ -70,7 +76,7 @@ class Space:
     late: bool = False
 
     def __post_init__(self) -> None:
-        """See that the components have what is to be chosen."""
+        """See that the components have what is to be chosen, and can fly with the most of it."""
         for asked, kind, what, name in (
             (True, PLANTS, "start", "initial_attitude"),
             (self.rate, PLANTS, "rate at the start", "initial_angular_velocity"),
@@ -86,6 +92,8 @@ class Space:
                 f"strength = {self.eta:g}: {ACTUATORS.selector} = {actuator} declares no limits; "
                 "allowed: 1"
             )
+        extreme = self.scenario(np.ones(self.size))  # as fast, as weak and as late as any
+        check_components(PLANT, extreme.parameters[PLANT])
 
     @property
     def duration(self) -> float:
