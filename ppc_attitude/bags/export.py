@@ -28,6 +28,7 @@ import os
 from collections.abc import Iterator
 from io import TextIOWrapper
 from itertools import pairwise
+from math import isnan
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -134,9 +135,9 @@ def _changed(record: RunRecord) -> tuple[dict[str, list[Any]], str]:
     room = _SMALL + _TIMES * sum(samples.nbytes for samples in record.columns.values())
     columns: dict[str, list[Any]] = {}
     lacking = []
-    for name, values in steps.items():
-        are_numbers = all(_is_number(value) for _, value in values)
-        told = [(k, value if are_numbers or value is None else _text(value)) for k, value in values]
+    for name, told in steps.items():
+        if not all(_is_number(value) for _, value in told):
+            told = [(k, x if x is None else json.dumps(x, ensure_ascii=False)) for k, x in told]
         texts = [len(value) for _, value in told if isinstance(value, str)]
         needed = size * (_CELL + max(texts, default=0))
         if needed > room:
@@ -163,12 +164,8 @@ def _is_number(value: Any) -> bool:
     return value is None or isinstance(value, float)
 
 
-def _text(value: Any) -> str:
-    return json.dumps(value, ensure_ascii=False)
-
-
 def _cells(column: Any) -> list[Any]:
     """What of a column is written; nothing for NaN."""
     if isinstance(column, list):
         return column
-    return [None if np.isnan(number) else number for number in column.tolist()]
+    return [None if isnan(number) else number for number in column.tolist()]
