@@ -235,7 +235,7 @@ def mark_faults(axes: Axes, spans: Iterable[tuple[float, float]]) -> None:
 def legend(axes: Axes, beside: Axes | None = None) -> None:
     """Put the legend above the panel, where it hides nothing, if there is anything to tell.
 
-    What has the label of something before it is told by that, also in the panel beside.
+    A label stands there once, and not at all if the legend of the panel beside has it.
     """
     told = set(beside.get_legend_handles_labels()[1]) if beside else set()
     first: dict[str, Any] = {}

@@ -295,13 +295,13 @@ def _knowledge(record: RunRecord, e_A: float, e_W: float) -> dict[str, Mask]:
         attitude, rate = (
             sigmas_of(record, each).max(axis=1) for each in (ATTITUDE_VARIANCES, RATE_VARIANCES)
         )
-        known = (DEVIATIONS * attitude <= e_A) & (DEVIATIONS * rate <= e_W)
-        found["no estimate, or one whose covariance is beyond the assumed errors"] = ~known
+        good = (DEVIATIONS * attitude <= e_A) & (DEVIATIONS * rate <= e_W)
+        found["no estimate, or one whose covariance is beyond the assumed errors"] = ~good
     columns = (TRUE_RATE, TRUE_ATTITUDE, ANGULAR_VELOCITY, ATTITUDE)
     if all(has(record, each.column) for each in columns):
         off = np.linalg.norm(record[ANGULAR_VELOCITY.column] - record[TRUE_RATE.column], axis=1)
-        known = (knowledge_errors(record).angles <= e_A + _ROUNDING) & (off <= e_W)
-        found["an estimate that was worse than assumed"] = ~known
+        good = (knowledge_errors(record).angles <= e_A + _ROUNDING) & (off <= e_W)
+        found["an estimate that was worse than assumed"] = ~good
     return found
 
 

@@ -31,7 +31,7 @@ from ppc_attitude.science.component import QUATERNION, UNIT_TOLERANCE
 
 
 def readings(name: str, msgtype: str) -> Iterator[tuple[str, Topic]]:
-    """Ways to read an absolute name: namespace and topic of the contract; others are none."""
+    """Yield each namespace and topic of the contract that an absolute name can stand for."""
     before, *parts = name.split("/")
     for split in range(len(parts) if not before else 0):
         topic = BY_NAME.get("/".join(parts[split:]))
@@ -134,7 +134,7 @@ class Collected:
     def _joined(
         self, name: str, msgtype: str, parts: list[Series], unstamped: bool
     ) -> tuple[Series, bool]:
-        """One series of the parts; and if it is by receipt, as where all have one stamp or none."""
+        """Join parts to one series; say if all had one stamp or none, so that receipt counts."""
         stamps = np.concatenate([part.stamps for part in parts])
         values = np.concatenate([part.values for part in parts])
         arrival = np.concatenate([part.arrival for part in parts])

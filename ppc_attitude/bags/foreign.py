@@ -26,8 +26,8 @@ import zstandard
 
 from ppc_attitude.bags.errors import BagError
 
-UNFOLDS = 100  # times its size on disk may a compressed file become, where that is more than
-SMALL = 16 * 2**20  # [B]
+# A compressed file may become so many times its size on disk, and so much more [B].
+UNFOLDS, SMALL = 100, 16 * 2**20
 _PIECE = 2**20
 _KINDS = {stat.S_IFLNK: "a symbolic link", stat.S_IFIFO: "a FIFO", stat.S_IFDIR: "a folder"}
 

@@ -249,9 +249,10 @@ def _table_for(data: Bytes) -> Integers:
 
 @kernel
 def _scan(data: Bytes, start: int, table: Integers, count: int) -> tuple[int, int]:
-    """Walk message records: add channel, time, offset and length of each payload to the first.
+    """Walk message records, and add channel, time, offset and length of each payload to a table.
 
-    Returns how many there are then, and where the first byte lies that belongs to none.
+    Its first `count` columns are filled. Returns how many are filled then, and where the first
+    byte lies that belongs to no message.
     """
     position = start
     while position + _SMALLEST_MESSAGE <= data.size and data[position] == _MESSAGE:

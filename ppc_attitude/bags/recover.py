@@ -117,7 +117,7 @@ def _replace(cut: Bag, folder: Path) -> Recovery:
 
 
 def _copy(bag: Bag, copy: Path, cut: Bag) -> Recovery:
-    """Write every message of a bag, which as it was cut is read already, into another one."""
+    """Write every message of a bag into another one; `cut` is the same bag, read to its end."""
     first, last = 2**63 - 1, 0
     announced: set[str] = set()
     storage = STORAGES[bag.files[0].suffix]

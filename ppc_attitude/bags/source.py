@@ -113,7 +113,7 @@ def payloads_of(block: Block) -> list[bytes]:
 
 
 def split_rows(block: Block) -> Iterator[tuple[int, Integers, Bytes]]:
-    """Messages of a block by channel and length: channel, their indices, their bytes by row."""
+    """Yield the messages of a block of one channel and length: channel, indices, bytes by row."""
     order = np.lexsort((block.length, block.channel))
     channel, length = block.channel[order], block.length[order]
     borders = np.flatnonzero((np.diff(channel) != 0) | (np.diff(length) != 0)) + 1

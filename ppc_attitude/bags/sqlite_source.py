@@ -104,9 +104,10 @@ class SqliteSource:
         self.cut = f"{self.cut}; {text}" if self.cut else text
 
     def _block(self, last: int) -> tuple[int, Block] | None:
-        """Messages behind an id, and the last one's; SQLite joins them, which costs less than rows.
+        """Fetch messages behind an id as one block, and the id of the last; None if there are none.
 
-        How large each is comes first: in a forged file all may hold the same large part.
+        SQLite joins them, which costs less than rows. The sizes are fetched first: in a forged file
+        all messages may hold the same large part.
         """
         behind = f"FROM messages WHERE id > {last} ORDER BY id LIMIT"
         numbers = [

@@ -82,7 +82,7 @@ DRAWN: dict[str, str] = {
 that runs has such a parameter."""
 UPPER = (0, 1, 2, 1, 4, 5, 2, 5, 8)
 """Place, on or above the diagonal, of each number of an inertia: where one varies."""
-_PARTS = {*_Q, *_OMEGA, *_J, *_TAU, "noise_seed", "fault"}  # that alone say not how hard a run is
+_PARTS = {*_Q, *_OMEGA, *_J, *_TAU, "noise_seed", "fault"}  # none says alone how hard a run is
 
 Drawn: TypeAlias = tuple[dict[str, Any], dict[str, dict[str, Any]]]
 """What was drawn, by column, and the parameters that it changes, by node."""

@@ -35,7 +35,7 @@ def first_lost(record: RunRecord) -> int:
 
 
 def tell_concerns(scenario: Scenario, record: RunRecord) -> None:
-    """Say what parts warned of in a run, and when; where the motion is none they say nothing."""
+    """Say what parts warned of in a run, and when, as long as its rate is one of a craft."""
     for time, advice in concerns(scenario, record.stamps_ns[: first_lost(record)]):
         kind = "error: " if advice.failed else "warning: " if advice.warning else ""
         print(f"{kind}at t = {time:.3f} s {advice.text}", file=sys.stderr)

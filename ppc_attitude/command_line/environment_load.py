@@ -41,8 +41,8 @@ from ppc_attitude.science.stamps import NANOSECONDS
 from ppc_attitude.simulation.scenario import Scenario
 
 _SAMPLES = 1000  # times at which an environment is looked at
-_UNLIMITED = 1e6  # [rad/s] no limit of speed
 _LONGEST = 10.0  # [s] between two of them, where the momentum of wheels is summed
+_UNLIMITED = 1e6  # [rad/s] no limit of speed
 
 
 def environment_torque(scenario: Scenario, environment: Part) -> float:

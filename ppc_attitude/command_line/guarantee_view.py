@@ -81,7 +81,7 @@ def stored_certificate(configurations: Sequence[Path]) -> dict[str, Any] | None:
 
 
 def _stated(content: Any) -> dict[str, Any]:
-    """Return what `differences` reads of a certificate, with numbers that are some."""
+    """Return what `differences` reads of a certificate, its numbers checked."""
     accuracy, terminal = float(content["accuracy"]), float(content["terminal_error"])
     promises = [{name: float(each[name]) for name in _PROMISED} for each in content["promises"]]
     inequalities = [

@@ -217,7 +217,7 @@ def number(
     above: float = -math.inf,
     whole: bool = False,
 ) -> Callable[[str], float]:
-    """Give the parser of finite numbers in a range, `above` not included; nothing else is one."""
+    """Give a parser of finite numbers from `low` to `high` and above `above`; it refuses others."""
     kind = "whole numbers" if whole else "finite numbers"
     limits = (("from", low), ("above", above), ("to", high))
     ends = [f"{word} {end:g}" for word, end in limits if math.isfinite(end)]

@@ -40,8 +40,8 @@ def new_file(
     Parameters
     ----------
     suffixes : str
-        What its name may end in, if not in anything: two outputs of a command differ in this, and
-        so never meet.
+        What its name may end in; without any, in anything. Two outputs of a command end in
+        different ones, so that they are never the same file.
     replaces : str or mapping of str to str, optional
         What stands at the beginning of a file that may be replaced, or that by suffix; by default
         none may.

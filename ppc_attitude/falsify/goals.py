@@ -28,10 +28,11 @@ from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.controllers.tube_state import TURN
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.stamps import nanoseconds
 
 RATE = 3.0  # [deg/s] the paper's limit
 SETTLED = PAPER.settled.limit
-_LAST = 20_000_000_000  # [ns] over which the error in the end is judged
+_LAST = nanoseconds(PAPER.terminal_window)  # [ns] over which the error in the end is judged
 _UNITS = {"settling": "s", "terminal": "", "rate": "deg/s"}  # of goals that are no column
 
 
@@ -58,7 +59,7 @@ class Goal:
 
     @property
     def has_accuracy(self) -> bool:
-        """True if it is of the error against `accuracy`; else instants count from `after` on."""
+        """True if it is judged by `accuracy`; the other goals are judged from `after` on."""
         return self.name in ("settling", "terminal")
 
     @property
