@@ -174,11 +174,14 @@ class SweptHit(NamedTuple):
         None if the run did not recover.
     outside : mapping of Envelope to float
         Time outside each envelope that the run has [s].
+    settled : bool
+        True if the run had settled when it came.
     """
 
     duration_s: float
     recovery_time_s: float | None
     outside: Mapping[Envelope, float]
+    settled: bool = True
 
 
 def sweep_figure(hits: Sequence[SweptHit], required: Requirements = PAPER) -> Figure:

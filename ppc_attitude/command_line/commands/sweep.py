@@ -110,10 +110,7 @@ def execute(arguments: argparse.Namespace) -> int:
             f"from {hits.at:g} s on"
         )
     check_memory(scenario.with_values(PLANT, duration=hits.length))
-    runs = [_measured(scenario, required, hits, duration) for duration in hits.durations]
-    swept = [
-        SweptHit(run.hits[0].duration_s, run.hits[0].recovery_time_s, run.outsides) for run in runs
-    ]
+    swept = [_swept(scenario, required, hits, duration) for duration in hits.durations]
     if arguments.json:
         listed = [
             {
@@ -126,7 +123,7 @@ def execute(arguments: argparse.Namespace) -> int:
         ]
         print_json({"torque": hits.torque, "at_s": hits.at, "hits": listed})
     else:
-        _print_table(swept, hits, required, settled=bool(runs[0].metrics.settled))
+        _print_table(swept, hits, required)
     if arguments.figure:
         save(sweep_figure(swept, required), arguments.figure)
     return DONE
@@ -145,7 +142,8 @@ def _hits(arguments: argparse.Namespace, scenario: Scenario, required: Requireme
     )
 
 
-def _measured(scenario: Scenario, required: Requirements, hits: Hits, duration: float) -> Measured:
+def _swept(scenario: Scenario, required: Requirements, hits: Hits, duration: float) -> SweptHit:
+    """Fly one hit; of a long run there is not memory for the samples of all."""
     pulse = {
         "pulse_times": [hits.at],
         "pulse_durations": [duration],
@@ -154,19 +152,19 @@ def _measured(scenario: Scenario, required: Requirements, hits: Hits, duration: 
     hit = scenario.overlaid({INJECTOR: pulse, PLANT: {"duration": hits.length}})
     flown = stoppable(lambda: simulate(hit, hits.length))
     see_that_it_is_bounded(hit, flown)
-    return Measured(flown, required, tuple(scheduled(flown)))  # too weak a one would not be found
+    run = Measured(flown, required, tuple(scheduled(flown)))  # too weak a one would not be found
+    found, settled = run.hits[0], bool(run.metrics.settled)
+    return SweptHit(found.duration_s, found.recovery_time_s, run.outsides, settled)
 
 
-def _print_table(
-    swept: Sequence[SweptHit], hits: Hits, required: Requirements, *, settled: bool
-) -> None:
+def _print_table(swept: Sequence[SweptHit], hits: Hits, required: Requirements) -> None:
     print(
         paragraph(
             f"{hits.torque:g} N·m on every axis from {hits.at:g} s on; recovered is an attitude "
             f"error that stays below {required.settled}, required within {required.recovery:g} s."
         )
     )
-    if not settled:
+    if not swept[0].settled:
         print("The craft has not settled when it is hit, so that its times include settling.")
     seen = round(hits.length - hits.at, 9)
     judged = seen >= required.recovery  # before, the error of a hit may still grow
