@@ -156,6 +156,12 @@ def with_columns(run: RunRecord, **columns: Array) -> RunRecord:
     return replace(run, columns={**run.columns, **columns})
 
 
+def part_of(run: RunRecord, instants: slice | np.ndarray) -> RunRecord:
+    """The run at some of its instants."""
+    columns = {name: samples[instants] for name, samples in run.columns.items()}
+    return replace(run, stamps_ns=run.stamps_ns[instants], columns=columns)
+
+
 def without_columns(run: RunRecord, *names: str) -> RunRecord:
     """The run without some columns."""
     return replace(run, columns={k: v for k, v in run.columns.items() if k not in names})

@@ -14,7 +14,6 @@
 
 """What a campaign comes to: errors over time, shares with intervals, figures, report, command."""
 
-import errno
 import math
 import os
 import shlex
@@ -238,20 +237,6 @@ def test_command_gives_the_campaign(finished: Finished, tmp_path: Path, ask: Ask
     assert told["requirements"] == finished.summary.to_json()["requirements"]
     assert rows_of(out) == rows_of(finished.folder)
     assert report.exists()
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_a_report_for_which_there_is_no_room_costs_no_summary(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Ask
-) -> None:
-    def full(path: Path, *_: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
-
-    monkeypatch.setattr("ppc_attitude.campaign.report.write_page", full)
-    options = ["--runs=1", f"--out={tmp_path / 'out'}", f"--report={tmp_path / 'report.html'}"]
-    told = ask(*written(tmp_path), *options, code=2)
-    assert told.out.startswith("1 runs of 3 s")
-    assert told.err.endswith("report.html: No space left on device\n")
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -18,7 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import hit_run, normal_run, with_columns, without_columns
+from synthetic import hit_run, normal_run, part_of, with_columns, without_columns
 
 from ppc_attitude.analysis.comparison import (
     SweptHit,
@@ -118,11 +118,7 @@ def test_runs_of_different_length():
 
 def test_no_part_of_a_run_is_hidden_by_another_that_was_recorded_late():
     whole = normal_run(30.0)
-    late = replace(
-        whole,
-        stamps_ns=whole.stamps_ns[1000:],
-        columns={name: rows[1000:] for name, rows in whole.columns.items()},
-    )
+    late = part_of(whole, slice(1000, None))
     figure = attitude_comparison(measured([normal_run(20.0), late]), LABELS)
     assert figure.axes[0].get_xlim() == (0.0, 30.0)
 

@@ -56,6 +56,7 @@ from ppc_attitude.simulation.scenario import load
 long = pytest.mark.long
 UNBUFFERED = ["env", "PYTHONUNBUFFERED=1"]
 WORDS = ["simulate", "--config", str(PAPER), "--duration", "1"]
+CAMPAIGN = ["campaign", "--campaign", "none.yaml", "--runs", "1", *WORDS[1:]]
 SIMULATE = [*COMMAND, *WORDS]
 HELP = [*COMMAND, "recover", "--help"]  # what it imports takes the least time
 
@@ -82,9 +83,12 @@ def test_output_that_nobody_takes(
     assert (process.returncode, out, err) == (code, "", told)
 
 
-def test_a_report_for_which_there_is_no_room_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Ask
+@pytest.mark.parametrize("words", [WORDS, CAMPAIGN])
+def test_a_report_for_which_there_is_no_room_is_named_after_the_result(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Ask
 ) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("none.yaml").write_text("campaign: {}")
     report, unlimited = tmp_path / "report.html", resource.getrlimit(resource.RLIMIT_FSIZE)
 
     def drawn(*_: Any, **__: Any) -> None:
@@ -92,11 +96,12 @@ def test_a_report_for_which_there_is_no_room_is_named(
 
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", drawn)
     try:
-        refused = ask(*WORDS, "--report", report, code=2)
+        refused = ask(*words, "--report", report, code=2)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
-    assert refused.err == f"error: {report}: File too large\n"
-    assert not list(tmp_path.iterdir())
+    assert refused.err.endswith(f"error: {report}: File too large\n")
+    assert "settling time" in refused.out
+    assert not list(tmp_path.glob("report*"))
 
 
 @pytest.mark.parametrize("encoding", ["ascii", pytest.param("latin-1", marks=long)])

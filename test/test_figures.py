@@ -19,7 +19,15 @@ from dataclasses import replace
 import matplotlib as mpl
 import numpy as np
 import pytest
-from synthetic import hit_run, normal_run, pulse_torque, times, with_columns, without_columns
+from synthetic import (
+    hit_run,
+    normal_run,
+    part_of,
+    pulse_torque,
+    times,
+    with_columns,
+    without_columns,
+)
 
 from ppc_attitude.analysis.drawing import BLACK, save_all
 from ppc_attitude.analysis.envelopes import ENVELOPES
@@ -134,11 +142,7 @@ def test_limits_are_drawn_where_they_are_judged(hit):
             inside = judged(t)
             assert np.isfinite(level[inside]).mean() > 0.98
             assert np.isnan(level[~inside]).mean() > 0.98
-    late = replace(
-        longer,
-        stamps_ns=longer.stamps_ns[11_000:],
-        columns={name: rows[11_000:] for name, rows in longer.columns.items()},
-    )
+    late = part_of(longer, slice(11_000, None))
     lines = labelled(error_figure(Measured(late), ENVELOPES[0]).axes[1])
     assert "terminal < 0.0005" not in lines  # of the last 20 s only ten are known
     bottom = angular_velocity_figure(Measured(hit)).axes[1]
@@ -358,13 +362,8 @@ def test_missing_samples_are_gaps(normal):
 
 
 def test_nothing_to_draw(normal):
-    empty = replace(
-        normal,
-        stamps_ns=normal.stamps_ns[:0],
-        columns={name: rows[:0] for name, rows in normal.columns.items()},
-    )
     with pytest.raises(AnalysisError, match="no sample at all"):
-        figures_of(Measured(empty))
+        figures_of(Measured(part_of(normal, slice(0))))
     with pytest.raises(AnalysisError, match="nothing to draw"):
         figures_of(Measured(replace(normal, columns={})))
 

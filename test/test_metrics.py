@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic import hit_run, normal_run, with_columns, with_error, without_columns
+from synthetic import hit_run, normal_run, part_of, with_columns, with_error, without_columns
 
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.command_line.verdict_view import verdict_table
@@ -118,8 +118,7 @@ def test_in_a_rhythm_that_changes_a_sample_lasts_until_the_next():
     run = normal_run()
     times = np.concatenate([np.arange(0.0, 60.0, 0.1), np.arange(60.0, 120.0, 0.05)])
     picked = np.round(100.0 * times).astype(int)
-    columns = {name: values[picked] for name, values in run.columns.items()}
-    run = replace(run, stamps_ns=run.stamps_ns[picked], columns=columns)
+    run = part_of(run, picked)
     envelope = np.where(times[:, None] < 20.0, 1e-3, 1.0) * run["rate_envelope"]
     rate_error = np.full((times.size, 3), 1e-2) * run["rate_envelope"]
     run = with_columns(run, rate_envelope=envelope, rate_error=rate_error)
@@ -128,9 +127,7 @@ def test_in_a_rhythm_that_changes_a_sample_lasts_until_the_next():
 
 def begun_late(run, start):
     """Record of a recorder that came at a time [s]."""
-    late = run.t >= start
-    columns = {name: values[late] for name, values in run.columns.items()}
-    return replace(run, stamps_ns=run.stamps_ns[late], columns=columns)
+    return part_of(run, run.t >= start)
 
 
 def test_a_recorder_that_came_late_changes_no_time_of_our_plant():

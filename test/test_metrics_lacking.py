@@ -20,7 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import hit_run, normal_run, with_columns, with_error, without_columns
+from synthetic import hit_run, normal_run, part_of, with_columns, with_error, without_columns
 from test_metrics import requirement
 
 from ppc_attitude.analysis.metrics import Verdict
@@ -111,14 +111,8 @@ def test_missing_messages_count_once_and_infinities_count():
 
 
 def test_no_sample_at_all():
-    run = normal_run(1.0)
-    empty = replace(
-        run,
-        stamps_ns=run.stamps_ns[:0],
-        columns={name: rows[:0] for name, rows in run.columns.items()},
-    )
     with pytest.raises(AnalysisError, match="no sample at all"):
-        Verdict(empty)
+        Verdict(part_of(normal_run(1.0), slice(0)))
 
 
 LACKING = {

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 from conftest import Ask
 from craft_helpers import configs
-from synthetic import with_columns, without_columns
+from synthetic import part_of, with_columns, without_columns
 
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.contract.cdr import Codec
@@ -279,15 +279,13 @@ def test_a_replay_of_a_record_that_begins_late_says_why_it_differs(
     tmp_path: Path, ask: Ask
 ) -> None:
     run = simulate(scenario({}), 3.0)
-    late = {name: values[100:] for name, values in run.columns.items()}
-    write_run(replace(run, stamps_ns=run.stamps_ns[100:], columns=late), tmp_path / "bag")
+    write_run(part_of(run, slice(100, None)), tmp_path / "bag")
     told = ask("replay", tmp_path / "bag", code=1)
     assert "rigid_body: 201 steps replayed, 0 skipped" in told.out
     assert "warning: the record begins at 1 s: what came before is not in it" in told.err
     rig = {node: values for node, values in run.parameters.items() if node != PLANT}
     for begin, code in ((0, 0), (100, 1)):  # with whom nobody knows where time begins
-        late = {name: values[begin:] for name, values in run.columns.items()}
-        cut = replace(run, stamps_ns=run.stamps_ns[begin:], columns=late, parameters=rig)
+        cut = part_of(replace(run, parameters=rig), slice(begin, None))
         write_run(cut, tmp_path / f"rig{begin}")
         reason = "warning: nothing tells if the record begins with the run"
         assert (reason in ask("replay", tmp_path / f"rig{begin}", code=code).err) == bool(code)
