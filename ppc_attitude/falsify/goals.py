@@ -63,11 +63,6 @@ class Goal:
         return self.name in ("settling", "terminal")
 
     @property
-    def unit(self) -> str:
-        """Unit of the value."""
-        return _UNITS.get(self.name, "of its bound")
-
-    @property
     def limit(self) -> float:
         """The limit that no run should pass; infinite where there is none."""
         limits = {"settling": np.inf, "terminal": self.accuracy, "rate": self.rate}
@@ -77,7 +72,7 @@ class Goal:
         """Value of a run of so long [s] for a reader."""
         if self.name == "settling" and value > duration:
             return f"not settled at {duration:g} s (error {value - duration:.3g})"
-        return f"{value:.6g} {self.unit}".rstrip()
+        return f"{value:.6g} {_UNITS.get(self.name, 'of its bound')}".rstrip()
 
     def value(self, record: RunRecord, law: Component) -> float:
         """Value of a run; a run that is not finite is worst of all."""

@@ -183,6 +183,8 @@ def execute(arguments: argparse.Namespace) -> int:
     worst = arguments.out / WORST
     write_whole(worst, _file(space, goal, found, arguments.controller))
     broken = found.value > goal.limit
+    # What was 3 deg/s in a certificate has other last digits.
+    limit = float(f"{goal.limit:.12g}") if math.isfinite(goal.limit) else None
     text = goal.text(found.value, duration)
     if arguments.json:
         print_json(
@@ -192,15 +194,14 @@ def execute(arguments: argparse.Namespace) -> int:
                 "runs": found.runs,
                 "largest": found.value,
                 "told": text,
-                # What was 3 deg/s in a certificate has other last digits.
-                "limit": float(f"{goal.limit:.12g}") if math.isfinite(goal.limit) else None,
+                "limit": limit,
                 "passes_limit": broken,
                 "worst": str(worst),
             }
         )
     else:
-        limit = f", limit {goal.limit:g}" if math.isfinite(goal.limit) else ""
-        print(f"largest {goal.name} of {found.runs} runs: {text}{limit}")
+        told = "" if limit is None else f", limit {limit:g}"
+        print(f"largest {goal.name} of {found.runs} runs: {text}{told}")
         print(f"worst case: {worst}")
     if stop.is_set() and found.runs < arguments.runs:
         raise RunError(
