@@ -138,7 +138,7 @@ def test_messages_become_safe_when_nothing_follows_them(
         opened = Bag(bag)
         for _ in opened.blocks():
             pass
-        return sum(opened.counts.values()) == bag_child.IDLE_STEPS * len(SAMPLED)
+        return opened.counts.total() == bag_child.IDLE_STEPS * len(SAMPLED)
 
     until(are_there, "the last messages")
     with pytest.raises(BagError, match=r"is still being recorded"):

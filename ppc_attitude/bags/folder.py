@@ -93,7 +93,9 @@ class Bag:
                 yield from self._blocks_of(self._source(path, allowance), allowance)
         except OSError as error:
             raise BagError(f"{self.path} cannot be read: {error.strerror}") from error
-        self._compare_counts()
+        promised, found = self._information.get("message_count"), self.counts.total()
+        if isinstance(promised, int) and promised != found:
+            self.flaws.append(f"{METADATA} promises {promised} messages, {found} are there")
 
     def _blocks_of(
         self, source: Source, allowance: Allowance
@@ -123,12 +125,6 @@ class Bag:
             except BagError as error:
                 self.flaws.append(f"{path.name} is damaged: {error}")
             return _opened(plain, path, allowance, finished=True)
-
-    def _compare_counts(self) -> None:
-        promised = self._information.get("message_count")
-        found = sum(self.counts.values())
-        if isinstance(promised, int) and promised != found:
-            self.flaws.append(f"{METADATA} promises {promised} messages, {found} are there")
 
     def _read_information(self) -> dict[str, Any]:
         """Take what ``metadata.yaml`` says, or else the mark of an unfinished bag; or nothing."""

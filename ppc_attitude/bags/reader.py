@@ -129,7 +129,7 @@ def _collect(
     collected = Collected(home, names)
     for channels, block in bag.blocks():
         collected.add(channels, block)
-    if not sum(bag.counts.values()):
+    if not bag.counts.total():
         raise BagError(f"{bag.path} holds no messages{_flaws(bag)}")
     for topic, name in names.items():
         msgtype = bag.topics.get(name)

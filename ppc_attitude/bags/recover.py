@@ -87,7 +87,7 @@ def _cut(folder: Path) -> Bag:
         pass
     if not bag.flaws:
         raise BagError(f"{folder} is complete, there is nothing to recover")
-    if not sum(bag.counts.values()):
+    if not bag.counts.total():
         raise BagError(f"{folder} holds no messages, there is nothing to recover")
     return bag
 
@@ -137,7 +137,7 @@ def _copy(bag: Bag, copy: Path, cut: Bag) -> Recovery:
             first = min(first, int(block.time.min(initial=first)))
             last = max(last, int(block.time.max(initial=last)))
         writer.set_custom_data(RECOVERED_KEY, "; ".join(bag.flaws))
-    messages = sum(bag.counts.values())
+    messages = bag.counts.total()
     return Recovery(bag.path, messages, dict(bag.counts), first, last, tuple(bag.flaws))
 
 
