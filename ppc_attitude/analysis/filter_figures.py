@@ -64,7 +64,7 @@ def innovation_figure(run: Measured) -> Figure:
     bottom.plot(run.t, np.square(values).sum(axis=1), ".", color=BLACK, markersize=1.5, label="NIS")
     gate = run.record.parameters.get(ESTIMATOR, {}).get("gate")
     if gate is not None and not run.changed(ESTIMATOR, "gate"):
-        limit_lines(bottom, float(str(gate)), label=f"gate {gate:g}")
+        limit_lines(bottom, gate, label=f"gate {gate:g}")
     bottom.set_yscale("log")
     top.set_ylabel("innovation / σ [1]")
     bottom.set_ylabel("NIS [1]")
