@@ -266,8 +266,13 @@ def test_scene_is_told_and_heard_without_loss() -> None:
     z = (Rotation.from_quat(scene.goal) * back).apply([0.0, 0.0, 1.0])
     assert z == pytest.approx(scene.cones[1].direction, abs=1e-12)
     assert scene.cones[0].half_angle == 0.1
-    with pytest.raises(ValueError, match="allowed: 7 numbers"):
-        heard({**told(scene), "keep-out cone 0": "1 2 3"})
+    for name, text in (
+        ("keep-out cone 0", "1 2 3"),
+        ("keep-out cone 0", "1 0 0 0 0 1 inf"),  # which no marker can show
+        ("goal in inertial axes", "0 0 nan 1"),
+    ):
+        with pytest.raises(ValueError, match=f"{name} = '{text}'; allowed: . finite numbers"):
+            heard({**told(scene), name: text})
 
 
 LINES = (

@@ -183,8 +183,7 @@ def execute(arguments: argparse.Namespace) -> int:
     worst = arguments.out / WORST
     write_whole(worst, _file(space, goal, found, arguments.controller))
     broken = found.value > goal.limit
-    # What was 3 deg/s in a certificate has other last digits.
-    limit = float(f"{goal.limit:.12g}") if math.isfinite(goal.limit) else None
+    limit = float(f"{goal.limit:.12g}")  # what was 3 deg/s in a certificate has other last digits
     text = goal.text(found.value, duration)
     if arguments.json:
         print_json(
@@ -200,7 +199,7 @@ def execute(arguments: argparse.Namespace) -> int:
             }
         )
     else:
-        told = "" if limit is None else f", limit {limit:g}"
+        told = f", limit {limit:g}" if math.isfinite(limit) else ""
         print(f"largest {goal.name} of {found.runs} runs: {text}{told}")
         print(f"worst case: {worst}")
     if stop.is_set() and found.runs < arguments.runs:

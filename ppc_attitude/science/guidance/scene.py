@@ -88,15 +88,20 @@ def heard(facts: Mapping[str, str]) -> Scene | None:
     """
     if _GOAL not in facts:
         return None
-    x, y, z, w = map(float, facts[_GOAL].split())
+    x, y, z, w = _numbers(facts, _GOAL, 4).tolist()
     cones = []
-    for name, text in facts.items():
+    for name in facts:
         if name.startswith(_CONE):
-            numbers = np.array(text.split(), np.float64)
-            if numbers.size != 7:
-                raise ValueError(f"{name} = {text!r}; allowed: 7 numbers")
+            numbers = _numbers(facts, name, 7)
             cones.append(Cone(vector(numbers), vector(numbers[3:]), float(numbers[6])))
     return Scene((x, y, z, w), tuple(cones))
+
+
+def _numbers(facts: Mapping[str, str], name: str, count: int) -> Any:
+    numbers = np.array(facts[name].split(), np.float64)
+    if numbers.size != count or not np.isfinite(numbers).all():
+        raise ValueError(f"{name} = {facts[name]!r}; allowed: {count} finite numbers")
+    return numbers
 
 
 def _text(numbers: tuple[float, ...]) -> str:
