@@ -71,6 +71,7 @@ def values() -> dict[str, object]:
         RATE_TABLE,
         EnvelopeTable(1.0, 1e-4, 0.2, 20.0, 1e-2),
         EnvelopeTable(0.7, 5e-3, 0.12, 60.0, 5e-3),
+        EnvelopeTable(1.0, 5e-3, 1.0, 800.0, 5e-3),  # whose parabola is flat
     ],
 )
 def test_the_steepest_fall_is_the_largest_of_a_fine_grid(table: EnvelopeTable) -> None:

@@ -44,9 +44,10 @@ def steepest_fall(envelope: Envelope) -> float:
     """
     table = envelope.table
     exponential = table.decay * (1.0 - table.exponential_terminal / table.initial)
-    width = table.settling_time - envelope.t1
-    u = min(math.sqrt(table.terminal / envelope.a1), width)
-    parabola = 2.0 * envelope.a1 * u / (envelope.a1 * u * u + table.terminal)
+    u, a1 = table.settling_time - envelope.t1, envelope.a1
+    if a1 * u * u > table.terminal:
+        u = math.sqrt(table.terminal / a1)
+    parabola = 2.0 * a1 * u / (a1 * u * u + table.terminal)
     return max(exponential if envelope.t1 > 0.0 else 0.0, parabola)
 
 
