@@ -29,10 +29,10 @@ from ppc_attitude.science.kernel import (
     add,
     cross,
     dot,
-    inlined,
     kernel,
     quaternion,
     scale,
+    store,
     subtract,
     vector,
 )
@@ -228,29 +228,19 @@ def rotation_matrix(q: Quaternion) -> Matrix:
     )
 
 
-@inlined
-def _part_of_products(part: int, attitudes: Any, references: Any, numbers: Any) -> None:
-    """One of the four numbers of each q_d⁻¹ ⊗ q_s."""
-    for k in range(numbers.size):
-        q_s, q_d = quaternion(attitudes[:, k]), quaternion(references[:, k])
-        numbers[k] = product(conjugate(q_d), q_s)[part]
-
-
 @kernel
 def attitude_errors(attitudes: Any, references: Any, errors: Any) -> None:
     """`attitude_error` of attitudes against references, all of shape (4, n).
 
     Where one of two attitudes is not finite or all zero, the error is NaN.
     """
-    # Row by row: of loops that write a single row, the processor takes eight instants at once.
     x, y, z, w = errors[0], errors[1], errors[2], errors[3]
-    _part_of_products(0, attitudes, references, x)
-    _part_of_products(1, attitudes, references, y)
-    _part_of_products(2, attitudes, references, z)
-    _part_of_products(3, attitudes, references, w)
     for k in range(w.size):
+        # Without views of columns the processor takes several instants at once.
+        q_s = (attitudes[0, k], attitudes[1, k], attitudes[2, k], attitudes[3, k])
+        q_d = (references[0, k], references[1, k], references[2, k], references[3, k])
         # NaN from 0/0: kernels follow NumPy's error model.
-        x[k], y[k], z[k], w[k] = normalised((x[k], y[k], z[k], w[k]))
+        x[k], y[k], z[k], w[k] = attitude_error(q_s, q_d)
 
 
 @kernel
@@ -264,6 +254,4 @@ def rotation_angles(rotations: Any, angles: Any) -> None:
 def vectors_to_body(vectors: Any, errors: Any, turned: Any) -> None:
     """`to_body` of vectors, shape (n, 3), by errors, shape (n, 4)."""
     for k in range(len(turned)):
-        error = errors[k]
-        a = to_body(vector(vectors[k]), vector(error), error[3])
-        turned[k, 0], turned[k, 1], turned[k, 2] = a
+        store(turned[k], to_body(vector(vectors[k]), vector(errors[k]), errors[k, 3]))
