@@ -111,7 +111,7 @@ def kinematics(q: Quaternion, omega: Vector) -> Quaternion:
 
 @kernel
 def euler_step(q: Quaternion, h: float, rate: Quaternion) -> Quaternion:
-    """Q + h q', not normalised: the stages of a Runge-Kutta step."""
+    """Euler step q + h q', not normalised: the stages of a Runge-Kutta step."""
     return (q[0] + h * rate[0], q[1] + h * rate[1], q[2] + h * rate[2], q[3] + h * rate[3])
 
 

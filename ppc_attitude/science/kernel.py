@@ -269,19 +269,19 @@ def store_quaternion(target: Any, a: Quaternion) -> None:
 
 @kernel
 def add(a: Vector, b: Vector) -> Vector:
-    """A + b."""
+    """Sum a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 @kernel
 def subtract(a: Vector, b: Vector) -> Vector:
-    """A − b."""
+    """Difference a − b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 @kernel
 def scale(s: float, a: Vector) -> Vector:
-    """S a."""
+    """Multiple s a."""
     return (s * a[0], s * a[1], s * a[2])
 
 

@@ -59,6 +59,6 @@ def _by_lanes(operation: str, first: Any) -> Any:
 
 
 added: Any = _by_lanes("fadd", _VECTOR)
-"""A + b of two vectors."""
+"""Sum a + b of two vectors."""
 multiple: Any = _by_lanes("fmul", types.float64)
-"""S a of a number and a vector."""
+"""Multiple s a of a number and a vector."""

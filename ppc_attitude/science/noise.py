@@ -90,7 +90,7 @@ def _logarithm(x: float) -> float:
 
 @inlined
 def _signed(x: float, sign: Any) -> float:
-    """X, or −x where the highest bit of `sign` is set."""
+    """Return x, or −x where the highest bit of `sign` is set."""
     return float(np.int64(np.float64(x).view(np.int64) ^ (sign & _SIGN)).view(np.float64))
 
 

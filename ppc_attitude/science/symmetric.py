@@ -41,7 +41,7 @@ def sum_of(m: Matrix, n: Matrix) -> Matrix:
 
 @kernel
 def scaled(s: float, m: Matrix) -> Matrix:
-    """S M."""
+    """Multiple s M."""
     return (scale(s, m[0]), scale(s, m[1]), scale(s, m[2]))
 
 

@@ -51,7 +51,7 @@ _SMALL, _SMALL_SHAPE = 1e-4, 1e-3
 
 @kernel
 def sign(q0: float) -> float:
-    """Sgn(q0) with sgn(0) = 1, so that the craft always has a way to turn."""
+    """Sign sgn(q0), with sgn(0) = 1, so that the craft always has a way to turn."""
     return -1.0 if q0 < 0.0 else 1.0
 
 
@@ -80,7 +80,7 @@ def componentwise(
 def directional(
     q: Vector, q_rate: Vector, rho: Vector, rho_rate: Vector, beta: float
 ) -> tuple[Vector, Vector]:
-    """W = q g(‖ε‖) and w' = q' g + q g' ‖ε‖', with g(e) = tanh(β e)/e."""
+    """Return w = q g(‖ε‖) and w' = q' g + q g' ‖ε‖', with g(e) = tanh(β e)/e."""
     epsilon = divide(q, rho)
     epsilon_rate = divide(subtract(q_rate, multiply(rho_rate, epsilon)), rho)
     e = math.sqrt(dot(epsilon, epsilon))

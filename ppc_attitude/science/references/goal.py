@@ -66,6 +66,7 @@ from ppc_attitude.science.guidance.trajectory import POINTS, follow
 from ppc_attitude.science.guidance.watch import look_out, warnings_of
 from ppc_attitude.science.keep_out import MOST_CONES
 from ppc_attitude.science.kernel import (
+    NO_ATTITUDE,
     STRAIGHT,
     ZERO,
     array_at,
@@ -209,7 +210,7 @@ def step(inputs: Any, state: Any, guidance: Any, outputs: Any) -> None:
     Without an attitude (a zero quaternion) nothing has begun: there is no motion yet.
     """
     q = quaternion(inputs.attitude)
-    if not state.begun and q != (0.0, 0.0, 0.0, 0.0):
+    if not state.begun and q != NO_ATTITUDE:
         begin(inputs.t, normalised(q), state)
     if not state.begun:
         store_quaternion(outputs.reference_attitude, STRAIGHT)

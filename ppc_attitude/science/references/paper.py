@@ -29,6 +29,7 @@ from ppc_attitude.science.attitude import (
 )
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.kernel import (
+    NO_ATTITUDE,
     STRAIGHT,
     Quaternion,
     Vector,
@@ -136,7 +137,7 @@ def desired_attitude(t: float, reference: Any, cursor: Any) -> Quaternion:
     """
     whole = math.floor(t / GRID)
     q = quaternion(cursor.attitude)
-    if q == (0.0, 0.0, 0.0, 0.0) or cursor.steps > whole:
+    if q == NO_ATTITUDE or cursor.steps > whole:
         cursor.steps = 0
         q = normalised(quaternion(reference.initial_attitude))
     for step in range(cursor.steps, whole):
