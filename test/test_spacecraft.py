@@ -204,6 +204,13 @@ def test_bodies_that_do_not_exist(values: list[float], complaint: str) -> None:
         inertia_matrix("plant inertia", values)
 
 
+def test_what_rounding_leaves_of_a_product_of_inertia_is_no_asymmetry() -> None:
+    """An axisymmetric body was refused in axes that are turned about its own."""
+    turned = np.diag([2.5, 2.5, 1.9])
+    turned[1, 0] = -1.2e-32  # as NumPy gives it after half a turn
+    assert np.array_equal(inertia_matrix("inertia", turned), turned)
+
+
 def test_a_body_that_turns_too_far_in_a_step_is_refused() -> None:
     def with_rate(rate: float) -> dict[str, Any]:
         given = {"initial_angular_velocity": [0.0, rate, 0.0]}

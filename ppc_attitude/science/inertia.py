@@ -42,7 +42,8 @@ def inertia_matrix(name: str, values: ArrayLike) -> NDArray[np.float64]:
     if not np.isfinite(array).all():
         raise ConfigurationError(f"{name} = {array.tolist()} must be finite")
     inertia = array.reshape(3, 3)
-    if (np.abs(inertia - inertia.T) > 1e-9 * np.abs(inertia)).any():
+    rounding = 1e-14 * np.abs(inertia).max()  # what it may leave of a product that is zero
+    if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=rounding):
         raise ConfigurationError(f"{name} = {inertia.tolist()} must be symmetric")
     moments = np.linalg.eigvalsh(inertia)
     if moments[0] <= 0.0:
