@@ -176,7 +176,7 @@ def _give(heaviest: tuple[float, Vector], t: Vector, wheels: WheelArray) -> Vect
 def certain_torque(axes: NDArray[np.float64], limits: NDArray[np.float64], order: int = 1) -> float:
     """Torque per axis [N·m] that wheels give in any direction: any |τ_i| up to it can be had.
 
-    So it is with the momentum [N·m·s] that they hold, if that is what limits it.
+    With the largest momenta [N·m·s] for limits, it is the momentum that they hold in any direction.
 
     Parameters
     ----------

@@ -15,9 +15,9 @@
 """What nodes take of each other: a component of somebody else's gives nothing else.
 
 A node refuses numbers that are not finite or too large, an attitude that is none and an impossible
-variance, and normalises a quaternion that is nearly a unit one. So that the loop in process gives
-the same numbers, and so that the one who gives is named and not those who wait, the step of a
-foreign component is seen to here.
+variance, and normalises a quaternion that is nearly a unit one. The same is done here with what the
+step of a foreign component gives. So the loop in process gives the same numbers as the nodes, and
+the error names the component that gave them, not a node that waits for better ones.
 """
 
 from collections.abc import Sequence

@@ -313,7 +313,7 @@ def route(
                 return NO_WAY, attitudes, axes, angles
             previous = _search(nodes, root, cones, directions, limits)
             previous[root] = 0
-            # What could be reached in vain need not be tried as a way out.
+            # The goal was not reached from these: none need be tried as a way out again.
             tried |= previous >= 0
     count, i = 0, len(nodes) - 1
     while i != 0:

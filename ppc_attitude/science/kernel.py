@@ -174,8 +174,8 @@ def inlined(function: _Function) -> _Function:
 
 
 def _compiled(function: _Function, inline: bool) -> _Function:
-    # Beside a column of ours is another one; what a kernel of somebody else's writes there, or
-    # beyond all columns, nobody would notice.
+    # The columns of a record lie side by side. A kernel of somebody else's that writes beyond one
+    # would change the next, or other memory, and nobody would notice: its bounds are checked.
     package = function.__module__.partition(".")[0]
     options = {**_OF_KERNELS, "forceinline": inline, "boundscheck": package != _PACKAGE.name}
     compiled: Any = numba.njit(**options)(function)

@@ -77,9 +77,9 @@ def _step_of(key: Any, inputs: Any, state: Any, configuration: Any, outputs: Any
     rules = rules_of(component.outputs)
 
     def guarded(key: Any, inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
-        # An error that leaves what is called by its address reaches nobody: Numba prints it and
-        # goes on with what the outputs were before. Numbers that are none are noticed by all, and
-        # stand for what no node would take too.
+        # An error of a step that is called by its address reaches nobody: Numba prints it, and
+        # goes on with the outputs of before. NaN is noticed by every reader, so it stands for an
+        # error, and for numbers that no node would take.
         given = carray(outputs, count, np.float64)
         try:
             called(key, inputs, state, configuration, outputs)
@@ -100,8 +100,9 @@ def _is_ours(component: Component) -> bool:
 def _compiled(key: str) -> Any:
     """Compile a component's step as a function of four addresses.
 
-    Numba finds a closure in its cache by what it encloses. A kernel is another in every process, a
-    key is the same in all: hence `_step`.
+    Numba looks a closure up in its cache by the values that it encloses. A kernel is another object
+    in every process, but a key is the same in all. So `run` encloses the key, and `_step` finds the
+    kernel.
     """
 
     def run(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:

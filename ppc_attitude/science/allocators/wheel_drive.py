@@ -161,7 +161,7 @@ def _null_momentum(free: Any, craft: Any, fastest: float) -> Any:
 def _taken_away(resistance: float, speed: float, i: int, configuration: Any) -> float:
     """Torque [N·m] of the drive against the friction that it knows of.
 
-    Who believes in more friction than there is speeds the wheel up; not beyond its limits.
+    A drive that assumes more friction than there is speeds the wheel up: the limits still hold.
     """
     slower, faster = room(configuration.wheels, i, speed)
     most, limit = resistance + max(faster, 0.0), configuration.wheels.max_torque[i]

@@ -89,8 +89,8 @@ _STEP = record_type(
 STEPS = 1024  # a power of two above MAX_DELAY
 assert MAX_DELAY < STEPS
 INNOVATIONS = 100
-_CALM = 100  # accepted fixes after which the filter is not wrong again, but anew
-_WIDEST = 1e-2  # [rad²/s²] largest variance of a bias that it comes to by being wrong again
+_CALM = 100  # accepted fixes after which another wrong estimate has another cause
+_WIDEST = 1e-2  # [rad²/s²] up to which restarts in a row widen the variance of the bias
 MEMORY = record_type(
     ("knows", np.float64),  # 1 from the first estimate on
     ("count", np.int64),  # gyro samples so far
@@ -242,7 +242,8 @@ def take_fix(memory: Any, settings: Any, valid_ns: int, fix: Quaternion) -> tupl
                 bias = add(before[1], jump)
                 known = begun(attitude, covariance, bias, settings.bias_variance + variance)
             else:
-                # Wrong again so soon, it must know less of the bias than it is told.
+                # A filter that is wrong again so soon knows the bias less well than its parameters
+                # say.
                 variance = settings.bias_variance
                 if memory.accepted < _CALM:
                     variance = max(variance, min(4.0 * memory.bias_variance, _WIDEST))
@@ -251,7 +252,7 @@ def take_fix(memory: Any, settings: Any, valid_ns: int, fix: Quaternion) -> tupl
             begins, told = True, False
             memory.begun_anew += 1
     if begins:
-        # Whom refused fixes have set right need not doubt the one from which it goes on.
+        # A filter that refused fixes have corrected does not doubt the one from which it goes on.
         memory.accepted = EARLY if memory.knows != 0.0 else 1
         memory.knows = 1.0
         refusals.agreeing = 0

@@ -103,7 +103,7 @@ INNOVATION = Column(
     width=4,
     late=True,
 )
-_LEAST_AGE = 1e-12  # [s] for which no stamp differs: an innovation of zeros is a message
+_LEAST_AGE = 1e-12  # [s] changes no stamp, but makes an innovation of zero a message
 PARAMETERS = (
     ANGULAR_RANDOM_WALK,
     RATE_RANDOM_WALK,

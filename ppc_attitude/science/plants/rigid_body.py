@@ -101,7 +101,7 @@ def configure(values: Mapping[str, Any]) -> Any:
     record["inertia_inverse"] = np.linalg.inv(inertia)
     record["initial_attitude"] = unit_quaternion("initial_attitude", values["initial_attitude"])
     record["initial_rate"] = values[INITIAL_RATE.name]
-    # Who steps a body by itself need not say how fast.
+    # A body that is stepped by itself need not be given the rate of its steps.
     turn = float(np.linalg.norm(record["initial_rate"])) / values.get("rate", np.inf)
     if turn > _MOST_TURN:
         raise ConfigurationError(

@@ -46,7 +46,8 @@ HALF_DEGREE = 0.008726646259971648  # 0.5°/s in rad/s
 # The attitude is integrated on this grid whatever the sample rate is, so that it is a function of
 # time alone: a generator that joins late or restarts gives the same numbers.
 GRID = 0.01  # [s]
-# `ros2 param load` gives a node the whole file, and the plant has a parameter of this name.
+# Only at start: `ros2 param load` sends a node the sections of all nodes, and the plant's has a
+# parameter of this name, too.
 INITIAL_ATTITUDE = at_start(
     "initial_attitude",
     [0.2, -0.5, -0.5, -0.6782],

@@ -161,7 +161,7 @@ def slots(rate: float, values: Mapping[str, Any]) -> tuple[int, int]:
             f"allowed: in less than {_MOST_STEPS:g}"
         )
     every = max(1, round(rate / tracker))
-    # By the last digit: who waits for a fix knows this rate alone, and counts for days.
+    # To the last digit: a node that waits for fixes counts slots by this rate alone, for days.
     if abs(rate / tracker - every) > 1e-14 * every:
         raise ConfigurationError(
             f"{RATE.name} = {tracker} Hz does not divide rate = {rate} Hz, and a fix is of a whole "
