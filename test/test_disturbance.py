@@ -58,8 +58,3 @@ def test_overlapping_pulses_and_the_environment_add_up() -> None:
     assert np.allclose(
         external_torque(75, True, acting), np.add(printed(75e-9), (0.75, 0, -1)), rtol=1e-14
     )
-
-
-def test_without_pulses_the_environment_acts_alone() -> None:
-    torque = external_torque(12_000_000_000, True, np.zeros(0, PULSE))
-    assert np.allclose(torque, printed(12.0), rtol=1e-14)

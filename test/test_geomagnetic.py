@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 from truth_tables import rows
 
-from ppc_attitude.science.attitude import to_body
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.geomagnetic import field_at, field_of, largest_field
 from ppc_attitude.science.sky import days_of
@@ -40,18 +39,6 @@ def test_the_field_is_the_truths(letter: str, degree: int) -> None:
     truth = numbers(*(f"{letter}{axis}" for axis in "xyz"))
     ours = [field_at(r, field_of(days, degree)) for r, days in zip(POSITIONS, DAYS, strict=True)]
     assert np.all(np.linalg.norm(ours - truth, axis=1) < 1e-12 * np.linalg.norm(truth, axis=1))
-
-
-def test_the_torque_of_a_dipole_is_the_truths() -> None:
-    for r, days, q, torque in zip(
-        POSITIONS,
-        DAYS,
-        numbers("qx", "qy", "qz", "qw"),
-        numbers("taux", "tauy", "tauz"),
-        strict=True,
-    ):
-        field = to_body(field_at(r, field_of(days)), tuple(q[:3]), float(q[3]))
-        assert np.allclose(np.cross((0.05, -0.08, 0.1), field), torque, rtol=0.0, atol=1e-17)
 
 
 @pytest.mark.parametrize("degree", [1, 13])
