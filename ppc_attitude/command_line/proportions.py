@@ -209,7 +209,7 @@ def _of_envelopes(scenario: Scenario, task: Task) -> Iterator[Condition]:
             yield Condition(end, law[end], FLOOR * sigma, "≥", unit, False, meaning)
         actuator = ACTUATORS.selected(plant)
         if prefix == RATE_ENVELOPE.name and actuator and actuator.least_impulse:
-            least = principal_moments("inertia", law[INERTIA.name])[0]
+            least = principal_moments(law[INERTIA.name])[0]
             change = float(actuator.least_impulse(plant) / least) * task.first_answer
             meaning = f"{_PULSES:g} times the rate that the actuator's least pulse makes, before "
             meaning += "modes follow: below it, single pulses leave the envelope"

@@ -268,13 +268,6 @@ def _plan_fall(plan: Any, phi: float, rate: float, ready: float, brake: float, g
 
 
 @kernel
-def _rate_clock(q_e: Quaternion, omega_e: Vector, rho: float, gains: Any) -> float:
-    """Where on its table the rate envelope must begin to hold the present z2."""
-    z2 = subtract(omega_e, _asked_rate(q_e, rho, gains))
-    return clock_at(largest(z2) / _SHARE, gains.rate_shape)
-
-
-@kernel
 def plan_envelopes(plan: Any, t: float, q_e: Quaternion, omega_e: Vector, gains: Any) -> None:
     """Place both envelopes in time at t [s] for the present error.
 
@@ -307,7 +300,8 @@ def plan_envelopes(plan: Any, t: float, q_e: Quaternion, omega_e: Vector, gains:
         inside = _follows_table(0.0, q_e, omega_e, ready, gains)
     if t > 0.0:
         rho = nominal(plan.attitude_clock, shape)[0]
-        plan.rate_clock = _rate_clock(q_e, omega_e, rho, gains)
+        z2 = subtract(omega_e, _asked_rate(q_e, rho, gains))
+        plan.rate_clock = clock_at(largest(z2) / _SHARE, gains.rate_shape)
     if gains.auto != 0.0 and (t > 0.0 or not inside):
         inside = _plan_fall(plan, phi, rate, ready, brake, gains)
         plan.waiting = 1.0

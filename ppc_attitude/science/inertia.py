@@ -59,9 +59,9 @@ def inertia_matrix(name: str, values: ArrayLike) -> NDArray[np.float64]:
     return inertia
 
 
-def principal_moments(name: str, values: ArrayLike) -> NDArray[np.float64]:
+def principal_moments(inertia: ArrayLike) -> NDArray[np.float64]:
     """Principal moments [kg·m²], shape (3,), ascending, of what `inertia_matrix` takes."""
-    return np.asarray(np.linalg.eigvalsh(inertia_matrix(name, values)))
+    return np.asarray(np.linalg.eigvalsh(inertia_matrix("inertia", inertia)))
 
 
 def gyroscopic_share(inertia: NDArray[np.float64]) -> float:

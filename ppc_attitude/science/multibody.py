@@ -280,6 +280,9 @@ def tell(state: Any, outputs: Any) -> None:
 
 
 @kernel
-def tell_speeds(state: Any, outputs: Any) -> None:
-    """Give the speeds of the wheels."""
+def move_with_wheels(inputs: Any, torque: Vector, state: Any, craft: Any, outputs: Any) -> None:
+    """Do as `move` with the motor torques of the wheels, and tell the motion with their speeds."""
+    state.motor[:] = inputs.wheel_torque
+    move(inputs.stamp_ns, torque, state, craft)
+    tell(state, outputs)
     outputs.wheel_speed[:] = state.motion[_SPEED:BEND]

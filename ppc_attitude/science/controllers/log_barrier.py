@@ -91,13 +91,6 @@ def configure(values: Mapping[str, Any]) -> Any:
 
 
 @kernel
-def _away_from_zero(q0: float) -> float:
-    if abs(q0) < _SMALLEST_SCALAR:
-        return -_SMALLEST_SCALAR if q0 < 0.0 else _SMALLEST_SCALAR
-    return q0
-
-
-@kernel
 def inverse_jacobian(q: Vector, q0: float, a: Vector) -> Vector:
     """F_e⁻¹ a = (2/q0) G a."""
     return scale(2.0 / q0, jacobian_inverse_scaled(q, q0, a))
@@ -149,7 +142,7 @@ def _second_derivative(t: float, shape: Any) -> float:
 def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     """Compute one sample of the law: reads `measurement`, updates `memory`, fills `command`."""
     q_e, omega_e, m_0 = error_state(measurement, matrix(gains.inertia))
-    q, q0 = vector(q_e), _away_from_zero(q_e[3])
+    q, q0 = vector(q_e), math.copysign(max(abs(q_e[3]), _SMALLEST_SCALAR), q_e[3])
     if memory.started == 0.0:
         memory.started = 1.0
         memory.start = measurement.t

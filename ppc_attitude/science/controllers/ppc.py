@@ -209,18 +209,13 @@ def integrate(memory: Any, gains: Any, drive: Vector, rate_value: float, h: floa
         vector(memory.delta_rho_omega), rate_value, scale(on * gains.B_tau, drive), gains.C_omega, h
     )
     store(memory.delta_rho_omega, delta_omega)
-    xi = inverse_envelope(rate_value, delta_omega)
+    rho_omega = add((rate_value, rate_value, rate_value), delta_omega)
+    xi = divide((1.0, 1.0, 1.0), rho_omega)  # ξ = diag(1/ρ_ω)
     opening = scale(on * gains.C_tau, multiply(xi, drive))
     delta_q = widened_attitude_envelope(vector(memory.delta_rho_q), opening, gains.C_q, h)
     store(memory.delta_rho_q, delta_q)
     theta = auxiliary_step(vector(memory.theta), delta_tau, xi, inertia_inverse, gains, h)
     store(memory.theta, theta)
-
-
-@kernel
-def inverse_envelope(nominal_value: float, delta: Vector) -> Vector:
-    """Diagonal of ξ = diag(1/ρ_ω)."""
-    return divide((1.0, 1.0, 1.0), add((nominal_value, nominal_value, nominal_value), delta))
 
 
 @kernel

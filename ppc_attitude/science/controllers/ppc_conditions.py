@@ -148,7 +148,7 @@ def _rates(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
 def _sampling(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
     """Compare how the law answers a rate error with the time for which an answer holds."""
     width = values["rate_envelope.terminal"]
-    least = float(principal_moments("inertia", values["inertia"])[0])
+    least = float(principal_moments(values["inertia"])[0])
     change = values["D_m"] * task.hold / least * task.first_answer
     yield advisable(
         "answer to z2",
@@ -171,7 +171,7 @@ def _sampling(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
 
 def _actuation(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
     """Compare what the law asks for with the actuator: at the envelope's edge, and of noise."""
-    least, _, most = principal_moments("inertia", values["inertia"]).tolist()
+    least, _, most = principal_moments(values["inertia"]).tolist()
     if MIN_TORQUE.name in task.craft:
         yield advisable(
             "min_torque in ρ_ω",

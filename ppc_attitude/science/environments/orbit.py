@@ -191,12 +191,6 @@ def air_density(radius: float, craft: Any) -> float:
 
 
 @kernel
-def air_velocity(r: Vector, v: Vector) -> Vector:
-    """Velocity [m/s] relative to the air, which turns with Earth; inertial axes."""
-    return subtract(v, cross((0.0, 0.0, EARTH_RATE), r))
-
-
-@kernel
 def step(inputs: Any, state: Any, craft: Any, outputs: Any) -> None:
     """Sum up the torques at an instant, and tell where the craft and the Sun are."""
     attitude = inputs.truth_attitude
@@ -213,7 +207,8 @@ def step(inputs: Any, state: Any, craft: Any, outputs: Any) -> None:
     if craft.count:
         pressure = PRESSURE / (distance * distance) * lit
         s = to_body(towards, q, q0)
-        wind = to_body(air_velocity(r, v), q, q0)
+        turning = cross((0.0, 0.0, EARTH_RATE), r)  # [m/s] of the air, which turns with Earth
+        wind = to_body(subtract(v, turning), q, q0)
         density = air_density(norm(r), craft)
         torque = add(torque, plates_torque(craft.plates, craft.count, wind, density, s, pressure))
     store(outputs.environment_torque, torque)

@@ -160,34 +160,31 @@ def updated(known: Knowledge, z: Vector, fix_covariance: Symmetric) -> Knowledge
     q, b, theta, cross, bias = known
     factor = cholesky(symmetric_sum(theta, fix_covariance))
     p, r = full(theta), full(fix_covariance)
-    # Rows of K: S is symmetric, so a row of P S⁻¹ is S⁻¹ times a row of P.
-    gain = (solved(factor, p[0]), solved(factor, p[1]), solved(factor, p[2]))
+    # Rows of K = (K1, K2): S is symmetric, so a row of P S⁻¹ is S⁻¹ times a row of P.
+    k1 = (solved(factor, p[0]), solved(factor, p[1]), solved(factor, p[2]))
     across = transposed(cross)
-    bias_gain = (solved(factor, across[0]), solved(factor, across[1]), solved(factor, across[2]))
-    k = gain
+    k2 = (solved(factor, across[0]), solved(factor, across[1]), solved(factor, across[2]))
     rest = (
-        (1.0 - k[0][0], -k[0][1], -k[0][2]),
-        (-k[1][0], 1.0 - k[1][1], -k[1][2]),
-        (-k[2][0], -k[2][1], 1.0 - k[2][2]),
+        (1.0 - k1[0][0], -k1[0][1], -k1[0][2]),
+        (-k1[1][0], 1.0 - k1[1][1], -k1[1][2]),
+        (-k1[2][0], -k1[2][1], 1.0 - k1[2][2]),
     )
-    noise = times_transposed(gain, r)
+    noise = times_transposed(k1, r)
     left = times_transposed(rest, p)
     # (I − K1)(P_θb − P_θθ K2ᵀ) + K1 R K2ᵀ, and its like for P_bb.
-    corrected = sum_of(cross, scaled(-1.0, times_transposed(p, bias_gain)))
-    new_cross = sum_of(
-        times_transposed(rest, transposed(corrected)), times_transposed(noise, bias_gain)
-    )
+    corrected = sum_of(cross, scaled(-1.0, times_transposed(p, k2)))
+    new_cross = sum_of(times_transposed(rest, transposed(corrected)), times_transposed(noise, k2))
     # P_bb + (K2 (P_θθ + R) − P_bθ) K2ᵀ − K2 P_θb
-    bias_noise = sum_of(times_transposed(bias_gain, p), times_transposed(bias_gain, r))
+    bias_noise = sum_of(times_transposed(k2, p), times_transposed(k2, r))
     lower = sum_of(bias_noise, scaled(-1.0, across))
     new_bias = symmetric_sum(
-        symmetric_sum(bias, symmetric_product(lower, bias_gain)),
-        symmetric_product(scaled(-1.0, bias_gain), across),
+        symmetric_sum(bias, symmetric_product(lower, k2)),
+        symmetric_product(scaled(-1.0, k2), across),
     )
     return (
-        normalised(product(q, exponential(apply(gain, z)))),
-        add(b, apply(bias_gain, z)),
-        symmetric_sum(symmetric_product(left, rest), symmetric_product(noise, gain)),
+        normalised(product(q, exponential(apply(k1, z)))),
+        add(b, apply(k2, z)),
+        symmetric_sum(symmetric_product(left, rest), symmetric_product(noise, k1)),
         new_cross,
         new_bias,
     )

@@ -22,7 +22,7 @@ from typing import Any
 from ppc_attitude.science import multibody, wheels
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.kernel import kernel, vector
-from ppc_attitude.science.multibody import move, multibody_record, tell, tell_speeds
+from ppc_attitude.science.multibody import move_with_wheels, multibody_record
 from ppc_attitude.science.signals import DISTURBANCE, TRUTH
 from ppc_attitude.science.wheels import wheel_record
 
@@ -30,10 +30,8 @@ from ppc_attitude.science.wheels import wheel_record
 @kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Carry the motion from the last stamp to this one, torques held since then."""
-    state.motor[:] = inputs.wheel_torque
-    move(inputs.stamp_ns, vector(inputs.disturbance_torque), state, configuration)
-    tell(state, outputs)
-    tell_speeds(state, outputs)
+    torque = vector(inputs.disturbance_torque)
+    move_with_wheels(inputs, torque, state, configuration, outputs)
 
 
 COMPONENT = Component(

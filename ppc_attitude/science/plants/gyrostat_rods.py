@@ -27,7 +27,7 @@ from ppc_attitude.science.attitude import to_body
 from ppc_attitude.science.geomagnetic import MAGNETIC_FIELD, ORBIT_FIELD, magnetic_field
 from ppc_attitude.science.kernel import add, cross, kernel, store, vector
 from ppc_attitude.science.magnetorquers import DIPOLE
-from ppc_attitude.science.multibody import move, tell, tell_speeds
+from ppc_attitude.science.multibody import move_with_wheels
 from ppc_attitude.science.orbit import CURSOR, orbit_at
 from ppc_attitude.science.plants import gyrostat
 
@@ -35,12 +35,9 @@ from ppc_attitude.science.plants import gyrostat
 @kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Carry the motion from the last stamp to this one, torques held since then."""
-    state.motor[:] = inputs.wheel_torque
     turned = cross(vector(inputs.magnetorquer_dipole), vector(state.field))
     torque = add(vector(inputs.disturbance_torque), turned)
-    move(inputs.stamp_ns, torque, state, configuration)
-    tell(state, outputs)
-    tell_speeds(state, outputs)
+    move_with_wheels(inputs, torque, state, configuration, outputs)
     q = outputs.truth_attitude
     r, _ = orbit_at(inputs.t, configuration.field.orbit, state.cursor)
     b = to_body(magnetic_field(r, inputs.t, configuration.field), vector(q), q[3])

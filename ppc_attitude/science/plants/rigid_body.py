@@ -143,17 +143,6 @@ def rigid_body_step(
 
 
 @kernel
-def _divided_step(
-    q: Quaternion, omega: Vector, torque: Vector, inertia: Matrix, inertia_inverse: Matrix, h: float
-) -> tuple[Quaternion, Vector]:
-    """Do as `rigid_body_step`, in parts in which the body turns by at most `TURNED`."""
-    parts = math.ceil(min(h * norm(omega) / TURNED, MOST_PARTS))
-    for _ in range(parts):
-        q, omega = rigid_body_step(q, omega, torque, inertia, inertia_inverse, h / parts)
-    return q, omega
-
-
-@kernel
 def step(inputs: Any, body: Any, configuration: Any, outputs: Any) -> None:
     """Carry the motion from the last stamp to this one, both torques held since then."""
     if body.started == 0.0:
@@ -164,11 +153,11 @@ def step(inputs: Any, body: Any, configuration: Any, outputs: Any) -> None:
         torque = add(vector(inputs.applied_torque), vector(inputs.disturbance_torque))
         q, omega = quaternion(body.attitude), vector(body.rate)
         inertia, inverse = matrix(configuration.inertia), matrix(configuration.inertia_inverse)
-        h = seconds(inputs.stamp_ns - body.stamp_ns)
-        if h * h * dot(omega, omega) <= TURNED * TURNED:
-            q, omega = rigid_body_step(q, omega, torque, inertia, inverse, h)
-        else:  # a hit has spun the body fast
-            q, omega = _divided_step(q, omega, torque, inertia, inverse, h)
+        h, parts = seconds(inputs.stamp_ns - body.stamp_ns), 1
+        if h * h * dot(omega, omega) > TURNED * TURNED:  # a hit has spun the body fast
+            parts = math.ceil(min(h * norm(omega) / TURNED, MOST_PARTS))
+        for _ in range(parts):
+            q, omega = rigid_body_step(q, omega, torque, inertia, inverse, h / parts)
         store_quaternion(body.attitude, q)
         store(body.rate, omega)
     body.stamp_ns = inputs.stamp_ns
