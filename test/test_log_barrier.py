@@ -16,6 +16,7 @@ import math
 
 import numpy as np
 import pytest
+from craft_helpers import pulse
 from hypothesis import given
 from hypothesis import strategies as st
 from record_helpers import configured, derivative, f_matrix, records_of
@@ -91,11 +92,7 @@ def test_after_a_hit_it_settles_outside_near_the_predicted_error() -> None:
     case = scenario(
         {
             "ppc_controller": {"controller": "log_barrier"},
-            "disturbance_injector": {
-                "pulse_times": [80.0],
-                "pulse_durations": [0.1],
-                "pulse_torques": [0.8, 0.8, 0.8],
-            },
+            "disturbance_injector": pulse(80.0, 0.1, 0.8, 0.8, 0.8),
         }
     )
     run = simulate(case, 200.0)

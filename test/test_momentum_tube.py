@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from craft_helpers import configs, guaranteed
+from craft_helpers import configs, guaranteed, pulse
 from record_helpers import configured, inputs_of, outputs_of, state_of
 from scipy.spatial.transform import Rotation
 
@@ -60,10 +60,6 @@ def inside(record: RunRecord) -> bool:
     )
 
 
-def hit(torque: float, time: float, duration: float) -> dict[str, Any]:
-    return {"pulse_times": [time], "pulse_durations": [duration], "pulse_torques": [torque] * 3}
-
-
 # The numbers that an independent implementation of the law ran with, about every axis the same.
 REFERENCE = {
     "momentum_tube.k": 1.0,
@@ -96,15 +92,14 @@ def test_papers_case_settles_at_the_reference_numbers() -> None:
 
 @pytest.mark.parametrize(("duration", "recovery"), [(0.1, 4.12), (0.2, 9.98), (0.5, 37.1)])
 def test_recovers_from_a_hit_as_the_reference_does(duration: float, recovery: float) -> None:
-    record = run(
-        160.0, disturbance_injector=hit(0.8, 80.0, duration), ppc_controller=LAW | REFERENCE
-    )
+    hit = pulse(80.0, duration, 0.8, 0.8, 0.8)
+    record = run(160.0, disturbance_injector=hit, ppc_controller=LAW | REFERENCE)
     assert settled_after(record, 80.0) == pytest.approx(recovery, abs=0.02)
 
 
 def test_recovers_from_the_papers_hit_as_soon_as_the_papers_law() -> None:
     """3.57 s is what that law needs; without more torque for the ramps it would be 3.9 s."""
-    case = {"disturbance_injector": hit(0.8, 80.0, 0.1)}
+    case = {"disturbance_injector": pulse(80.0, 0.1, 0.8, 0.8, 0.8)}
     record = run(90.0, **case)
     assert settled_after(record, 80.0) <= 3.57
     assert (np.abs(record["momentum_error"]) / record["momentum_tube"]).max() < 0.5
@@ -166,7 +161,7 @@ def test_the_disturbance_estimate_is_bounded_and_follows_what_is_unexplained() -
 
 
 def test_recovers_when_a_hit_makes_the_craft_tumble() -> None:
-    record = run(140.0, disturbance_injector=hit(0.8, 80.0, 1.0))
+    record = run(140.0, disturbance_injector=pulse(80.0, 1.0, 0.8, 0.8, 0.8))
     assert settled_after(record, 80.0) < 48.0
     tumbling = record["attitude_envelope"][:, 0] == 1.0
     assert tumbling.any()
@@ -335,13 +330,7 @@ def test_torque_that_was_short_twice_is_not_counted_on_and_said() -> None:
         ),
         (
             "the guarantee is suspended: a disturbance",
-            {
-                "disturbance_injector": {
-                    "pulse_times": [0.0],
-                    "pulse_durations": [100.0],
-                    "pulse_torques": [5e-3] * 3,
-                }
-            },
+            {"disturbance_injector": pulse(0.0, 100.0, 5e-3, 5e-3, 5e-3)},
         ),
         ("nothing is guaranteed: no certificate", {}),
     ],
@@ -365,7 +354,7 @@ def test_an_estimate_at_its_limit_is_no_proof_of_a_broken_assumption() -> None:
     """The dead band alone may hold it there, and the guarantee was said to be suspended."""
     assumed = replace(guaranteed()[0], d=5e-5)  # half the dead band
     law = tuned(assumed, 0.01, (1.0, 15.4, 0.2), COARSE)
-    push = {"pulse_times": [0.0], "pulse_durations": [20.0], "pulse_torques": [5e-5] * 3}
+    push = pulse(0.0, 20.0, 5e-5, 5e-5, 5e-5)
     nodes = {
         "disturbance_injector": {"environment": False, **push},
         "ppc_controller": LAW | parameters_of(assumed, law),
