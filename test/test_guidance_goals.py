@@ -206,6 +206,24 @@ def test_hold_brakes_and_stays() -> None:
     assert_same(motion(end + 50.0, configuration, state), stand, 1e-15, 0.0, 0.0)
 
 
+def test_hold_is_followed_where_the_acceleration_was_limited_amid_a_slew() -> None:
+    """A brake that kept a tenth of A was so long that the present acceleration led far beyond V."""
+    configuration, state = guidance(), begun(STRAIGHT)
+    pursue(0.0, INERTIAL, PAPER, configuration, state)
+    A = configuration["limits"]["max_acceleration"]
+    configuration["limits"]["max_acceleration"] = 0.1 * A
+    for t in np.arange(0.5, 10.0, 0.5):
+        held = state.copy()
+        assert hold(t, configuration, held) == ACCEPTED
+        samples = [motion(s, configuration, held) for s in np.linspace(t, active(held)["end"], 100)]
+        rates, accelerations = (
+            np.linalg.norm(np.array(samples)[:, i : i + 3], axis=1) for i in (4, 7)
+        )
+        assert rates.max() < 1.2 * V
+        assert accelerations.max() < 1.002 * A
+        assert not samples[-1][4:].any()
+
+
 def test_spin_turns_at_its_rate_about_its_axis() -> None:
     configuration, state = guidance(), begun(PAPER)
     pursue(0.0, SPIN, OTHER, configuration, state)

@@ -22,10 +22,10 @@ In a frame that turns with f a slew turns about e with θ' ≤ V, θ'' ≤ A and
 An order during a slew begins with a brake from the present ω and α relative to the new frame. It
 lasts T: 1 s, 1.5 |ω|/A or 2 |α|/K, and longer by tenths until its acceleration keeps A, which it
 does from 2.13 |ω|/A on. Its polynomial first goes on with α. So its rate reaches at most 1.2 |ω|,
-or |ω| + 4/27 |α| 1 s if 1 s is enough; before it has V, a slew has α² ≤ 2 K V. Its jerk is at most
-6 |ω|/T² + 4 |α|/T ≤ (4 A + 4 |α|)/1 s. Where frames change, α has the terms of both frames, and a
-brake that would reach more is refused. That the rate keeps its bound there, too, is tested and not
-derived.
+or |ω| + 4/27 |α| 1 s if 1 s is enough; before it has V, a slew has α² ≤ 2 K V. Where frames change,
+α has the terms of both frames. A brake that would reach more lasts less, but at least
+√(1.5 |ω|/A 1 s), or is refused. So its jerk is at most 6 |ω|/T² + 4 |α|/T ≤ (4 A + 4 |α|)/1 s. That
+the rate keeps its bound where frames change, too, is tested and not derived.
 """
 
 import math

@@ -14,6 +14,7 @@
 
 """From any motion to rest at a goal: brake, then turn, both relative to the goal's frame."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -83,24 +84,27 @@ def _peaks(omega: Vector, alpha: Vector, length: float) -> tuple[float, float]:
 def brake_length(omega: Vector, alpha: Vector, limits: Any) -> float:
     """Duration [s] of a brake from relative rate ω and acceleration α; negative: none found.
 
-    The first of max(1.5 |ω|/A, 2 |α|/K, 1 s) · 1.1ᵏ whose 65 even samples keep A, or the present
-    acceleration if that is larger. If it passes V, or the present rate if larger, by more than 1 %,
-    the search begins anew without 2 |α|/K: with a small K the rate would go far beyond. A brake
-    that lasts for turns of a fast frame may go far beyond all the same: then there is none.
+    The first of T · 1.1ᵏ whose 65 even samples keep A, or the present acceleration if that is
+    larger, with T = max(1.5 |ω|/A, 2 |α|/K, 1 s). If it passes V, or the present rate if larger, by
+    more than 1 %, the search begins anew without 2 |α|/K: with a small K the rate would go far
+    beyond. If the rate goes far beyond all the same, as where A was lowered amid a slew, it begins
+    anew with T = max(√(1.5 |ω|/A · 1 s), 1 s), which keeps the bound of the jerk (`limits`). A
+    brake that lasts for turns of a fast frame may go far beyond even so: then there is none.
     """
     allowed = max(limits.max_acceleration, norm(alpha)) * ROUNDING
     present = max(limits.max_rate, norm(omega))
-    fastest = present * _FASTER
     most = max(present * LONGER, present + GOES_ON * norm(alpha) * SHORTEST_BRAKE)
-    shortest = max(1.5 * norm(omega) / limits.max_acceleration, SHORTEST_BRAKE)
-    for smooth in (True, False):
-        length = max(shortest, 2.0 * norm(alpha) / limits.max_jerk) if smooth else shortest
+    steady = 1.5 * norm(omega) / limits.max_acceleration
+    firm = max(steady, SHORTEST_BRAKE)
+    smooth = max(firm, 2.0 * norm(alpha) / limits.max_jerk)
+    hard = max(math.sqrt(steady * SHORTEST_BRAKE), SHORTEST_BRAKE)
+    for length, fastest in ((smooth, present * _FASTER), (firm, most), (hard, most)):
         for _ in range(MOST_ATTEMPTS):
             rate, acceleration = _peaks(omega, alpha, length)
             if acceleration <= allowed:
-                if smooth and rate > fastest:
-                    break
-                return float(length) if rate <= most else -1.0
+                if rate <= fastest:
+                    return length
+                break
             length *= 1.1
     return -1.0
 
