@@ -152,17 +152,18 @@ def _bars(start: Quaternion, goal: Quaternion, cones: Any, directions: Any) -> i
 
 
 @kernel
-def _brake_to_stand(t: float, trial: Any, motion: Motion, guidance: Any, state: Any) -> bool:
-    """Add a brake in inertial space, unless the present plan stands there already."""
+def _brake_to_stand(
+    t: float, trial: Any, motion: Motion, guidance: Any, state: Any
+) -> tuple[bool, Quaternion]:
+    """Add a brake in inertial space, unless the present plan stands there already.
+
+    Returns whether one is found, and the attitude at which the motion then stands.
+    """
     plan = state.plans[state.active]
     if plan.frame == INERTIAL and t >= plan.end:
-        return True
-    return append_brake(trial, INERTIAL, t, motion, guidance.limits, guidance.sky, state.look)
-
-
-@kernel
-def _standing_attitude(trial: Any, motion: Motion) -> Quaternion:
-    return motion[0] if trial.count == 0 else end_attitude(trial)
+        return True, motion[0]
+    found = append_brake(trial, INERTIAL, t, motion, guidance.limits, guidance.sky, state.look)
+    return found, end_attitude(trial) if found else motion[0]
 
 
 @kernel
@@ -207,11 +208,11 @@ def _detour(
     directions = directions_at(t, cones, sky, look.now)
     inside = cones_around(motion[0], cones, directions)
     state.inside = inside
-    if not _brake_to_stand(t, trial, motion, guidance, state):
+    found, stand = _brake_to_stand(t, trial, motion, guidance, state)
+    if not found:
         return no_slew(guidance, state)
     braked = trial.count
     begin_turns = trial.end
-    stand = _standing_attitude(trial, motion)
     leaving = cones_around(stand, cones, directions)
     goal = quaternion(trial.attitude)
     for _ in range(_ROUNDS if moving else 1):
@@ -310,8 +311,6 @@ def hold(t: float, guidance: Any, state: Any) -> int:
     start_plan(trial, INERTIAL, motion[0], t)
     state.cone = -1
     state.inside = 0
-    if not _brake_to_stand(t, trial, motion, guidance, state):
-        return adopt_plan(t, no_slew(guidance, state), state)
-    stand = _standing_attitude(trial, motion)
+    found, stand = _brake_to_stand(t, trial, motion, guidance, state)
     store_quaternion(trial.attitude, stand)
-    return adopt_plan(t, ACCEPTED, state)
+    return adopt_plan(t, ACCEPTED if found else no_slew(guidance, state), state)
