@@ -122,7 +122,7 @@ def test_a_search_finds_gains_that_settle_sooner(
     monkeypatch.setattr(module, "_Search", lambda *_: search)
     found = design(assumed, Wishes(), law.h)
     shipped = designed(assumed, Wishes(), law.h, (law.k, law.kappa, law.ell))
-    assert found.settling.time < 0.97 * shipped.settling.time
+    assert found.settling < 0.97 * shipped.settling
 
 
 @pytest.mark.usefixtures("coarse")
@@ -141,7 +141,7 @@ def test_every_law_of_a_search_may_be_the_one_that_fine_cells_prove(
 
     monkeypatch.setattr(module, "_Search", lambda *_: search)
     monkeypatch.setattr(module, "designed", proved)
-    assert design(assumed, Wishes(), law.h).settling.time < 100.0
+    assert design(assumed, Wishes(), law.h).settling < 100.0
 
 
 def test_contradicting_wishes_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:

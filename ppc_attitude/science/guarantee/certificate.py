@@ -116,7 +116,7 @@ def certify(
         for rate in rates:
             start = math.nextafter(assumed.W + math.radians(rate) * (1 + 1e-15), math.inf)
             if envelope.told(start) <= arithmetic.number(law.omega0):
-                promises.append(Promise(rate, envelope.settling(start, accuracy).time))
+                promises.append(Promise(rate, envelope.settling(start, accuracy)))
     return Certificate(digest_of(values), accuracy, judged, tuple(promises), envelope.terminal())
 
 

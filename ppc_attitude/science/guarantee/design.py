@@ -27,7 +27,7 @@ from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
 from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import COARSE, FINE, Cells
-from ppc_attitude.science.guarantee.envelope import Envelope, Settling
+from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.guarantee.fixed_point import TUMBLING, Gains, InfeasibleError, tuned
 from ppc_attitude.science.guarantee.inequalities import Inequality
 
@@ -81,14 +81,14 @@ class Design:
     ----------
     law : Law
         Its numbers.
-    settling : Settling
-        Guaranteed settling for the wished rate.
+    settling : float
+        Guaranteed settling time for the wished rate [s].
     torque_noise : float
         RMS torque on the worst axis from the measurement noise [N·m].
     """
 
     law: Law
-    settling: Settling
+    settling: float
     torque_noise: float
 
 
@@ -130,7 +130,7 @@ def design(assumed: Assumptions, wishes: Wishes, h: float) -> Design:
     if search.unwished and not search.found:
         search.tries(_grid(assumed, h))
     search.climbs()
-    for best in sorted(search.found, key=lambda each: each.settling.time):
+    for best in sorted(search.found, key=lambda each: each.settling):
         law = best.law
         try:
             return designed(assumed, wishes, h, (law.k, law.kappa, law.ell))
@@ -170,8 +170,8 @@ class _Search:
         """Change the gains of the best law one by one, for as long as that is worthwhile."""
         for factors in _FACTORS:
             before = math.inf
-            while (best := self._best()) and best.settling.time < before - _WORTHWHILE:
-                before, law = best.settling.time, best.law
+            while (best := self._best()) and best.settling < before - _WORTHWHILE:
+                before, law = best.settling, best.law
                 self.tries(
                     (float(f"{k:.3g}"), float(f"{kappa:.4g}"), float(f"{ell:.3g}"))
                     for factor in factors
@@ -184,7 +184,7 @@ class _Search:
                 )
 
     def _best(self) -> Design | None:
-        return min(self.found, key=lambda each: each.settling.time, default=None)
+        return min(self.found, key=lambda each: each.settling, default=None)
 
 
 def designed(assumed: Assumptions, wishes: Wishes, h: float, gains: Gains) -> Design:
@@ -211,8 +211,8 @@ def _designed(assumed: Assumptions, wishes: Wishes, h: float, gains: Gains, coun
         degrees = math.degrees(wishes.rate), math.degrees(fastest)
         raise UnwishedError("a rate at the start", *degrees, "deg/s")
     settling = envelope.settling(assumed.W + wishes.rate, wishes.accuracy)
-    if settling.time > wishes.time:
-        raise UnwishedError("a settling time", wishes.time, settling.time, "s")
+    if settling > wishes.time:
+        raise UnwishedError("a settling time", wishes.time, settling, "s")
     noise = torque_noise(assumed, law, wishes)
     if noise > wishes.torque_noise:
         raise UnwishedError("a torque noise", wishes.torque_noise, noise, "N·m")

@@ -19,7 +19,6 @@ starts above it stays above. The step takes f at the lowest φ that the step can
 """
 
 import math
-from dataclasses import dataclass
 
 from ppc_attitude.science.controllers.brake import BLEND
 from ppc_attitude.science.guarantee.arithmetic import Number
@@ -29,34 +28,6 @@ from ppc_attitude.science.guarantee.cells import saturated
 _STEP = 0.01  # [s] or a sample, or this share of a turn, whichever is longest
 _SHARE = 5e-5
 _PATIENCE = 100_000  # steps
-
-
-@dataclass(frozen=True)
-class Settling:
-    """Guaranteed settling.
-
-    Attributes
-    ----------
-    rate : float
-        Largest ‖ω_e‖ at the event [rad/s].
-    far, near : float or None
-        From the largest turn in cruise, and from the least angle that is not taken for far [s];
-        None if the rate is too high for a cruise.
-    turn : float
-        Time from the largest turn without a cruise [s].
-    """
-
-    rate: float
-    far: float | None
-    near: float | None
-    turn: float
-
-    @property
-    def time(self) -> float:
-        """For every attitude [s]."""
-        if self.far is None or self.near is None:
-            return self.turn
-        return max(self.far, self.near)
 
 
 class Envelope:
@@ -108,8 +79,8 @@ class Envelope:
         """Final bound of |q_ev,i| for any disturbance within its bound: z̄/(2k)."""
         return self._arithmetic.outward(self._z / (2 * self._k))[1]
 
-    def settling(self, rate: float, accuracy: float) -> Settling:
-        """Guaranteed settling times for every attitude.
+    def settling(self, rate: float, accuracy: float) -> float:
+        """Guaranteed settling time [s] for every attitude.
 
         Parameters
         ----------
@@ -135,11 +106,11 @@ class Envelope:
                 "the law may be told so"
             )
         half_turn = self._arithmetic.pi + number(self._assumed.lead)
-        turn = self.near_time(half_turn, told, accuracy)
         if not told <= number(self._law.w_far):
-            return Settling(rate, None, None, turn)
+            # A start that is slow enough for a cruise settles sooner than one that is not.
+            return self.near_time(half_turn, told, accuracy)
         near = self.near_time(number(self._law.far), told, accuracy)
-        return Settling(rate, self.far_time(half_turn, told, accuracy), near, turn)
+        return max(self.far_time(half_turn, told, accuracy), near)
 
     def near_time(
         self, phi: Number, rate: Number, accuracy: float, stop: Number | None = None
@@ -238,7 +209,7 @@ class Envelope:
             stop = self._arithmetic.largest(*(momentum / torque for momentum, torque in pairs))
             rest = self.near_time(phi, rate, accuracy, stop)
         else:
-            rest = self.settling(rate, accuracy).time
+            rest = self.settling(rate, accuracy)
         return self._arithmetic.outward(time + number(rest))[1]
 
     def speed_above(self, phi: Number, cap: Number, a: Number, offset: Number) -> Number:

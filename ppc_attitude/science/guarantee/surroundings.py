@@ -183,7 +183,8 @@ def suspensions(assumed: Assumptions, nodes: Nodes, duration: float) -> Iterator
             f"no fix comes before {first:g} s ({INITIAL_FIX.name} = false): the promised times "
             "begin with the first fix, from the rate that the craft has by then"
         )
-    most, promised = plant["star_tracker.max_rate"], _fastest(assumed)
+    most = plant["star_tracker.max_rate"]
+    promised = TUMBLING[0] * assumed.Omega + assumed.W  # ‖ω_s‖ of the fastest start of any law
     if most < promised:
         yield f"{held}max_rate = {most:.4g} rad/s is below the promised {promised:.4g} rad/s"
     for name in ("blinding_times", "dropout_probability"):
@@ -200,11 +201,6 @@ def fastest_of(assumed: Assumptions, law: Law) -> float:
 def tube_of(assumed: Assumptions, law: Law) -> float:
     """Return the `tube` of `assumptions_from` from which on no craft is faster than it takes."""
     return (fastest_of(assumed, law) - assumed.W) / (TUMBLING[0] * assumed.Omega) - 1.0
-
-
-def _fastest(assumed: Assumptions) -> float:
-    """Largest ‖ω_s‖ [rad/s] of a start that any law promises something."""
-    return TUMBLING[0] * assumed.Omega + assumed.W
 
 
 def _deviations(nodes: Nodes) -> tuple[float, float]:
