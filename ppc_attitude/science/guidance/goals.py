@@ -45,6 +45,7 @@ from ppc_attitude.science.keep_out import (
     turn_is_clear,
     violated,
 )
+from ppc_attitude.science.keep_out import NADIR as EARTH
 from ppc_attitude.science.kernel import (
     STRAIGHT,
     Quaternion,
@@ -200,8 +201,8 @@ def _detour(
 ) -> int:
     """Fill a plan with a brake to a stand, stops beside the cones, and the way to its goal.
 
-    A goal in a moving frame is planned to where it is at arrival, found by fixed-point rounds from
-    a first guess [s]. The cones are taken where they are now, or `ahead`, at arrival.
+    A goal in a moving frame is planned to where it is at arrival. The cones are taken where they
+    are now, or `ahead`, at arrival. Both are found by fixed-point rounds from a first guess [s].
     """
     limits, sky, look, cones = guidance.limits, guidance.sky, state.look, guidance.cones
     moving = trial.frame != INERTIAL
@@ -215,7 +216,7 @@ def _detour(
     begin_turns = trial.end
     leaving = cones_around(stand, cones, directions)
     goal = quaternion(trial.attitude)
-    for _ in range(_ROUNDS if moving else 1):
+    for _ in range(_ROUNDS if moving or ahead else 1):
         if moving:
             look.ahead = look.now
             goal = goal_at(arrival, trial, sky, look.ahead)
@@ -277,10 +278,11 @@ def plan_to(t: float, frame: int, attitude: Quaternion, guidance: Any, state: An
         if outcome == ACCEPTED:
             return ACCEPTED
         arrival = trial.end
+    changes = frame != INERTIAL or (guidance.cones.kind == EARTH).any()  # the Sun takes days
     for ahead in (False, True):
         _aim(t, frame, attitude, trial, guidance, state)
         outcome = _detour(t, arrival, ahead, trial, motion, guidance, state)
-        if outcome == ACCEPTED or frame == INERTIAL:
+        if outcome == ACCEPTED or not changes:
             break
     return outcome
 

@@ -29,7 +29,7 @@ from ppc_attitude.science.orbit import orbit_at
 from ppc_attitude.science.sky import DAY, sun_direction
 
 _COARSE, _FINE = 0.5, 0.01  # [s] largest and smallest step along a plan
-_FASTER = 1.1  # a plan is never faster than so many times V
+_FASTER = 1.1  # times V, or the present rate if larger: taken for the rate until the next step
 _DRIFT = 2e-3  # [rad/s] no direction moves faster: Earth's turns by 1.2e-3 in the lowest orbit
 _TOLERANCE = 1e-9  # [rad] that a sample of an exact plan may be inside by rounding
 
