@@ -107,7 +107,7 @@ class Envelope:
             )
         half_turn = self._arithmetic.pi + number(self._assumed.lead)
         if not told <= number(self._law.w_far):
-            # A start that is slow enough for a cruise settles sooner than one that is not.
+            # It covers slower starts: a cruise from the same turn is as fast, as its σ ≥ r V.
             return self.near_time(half_turn, told, accuracy)
         near = self.near_time(number(self._law.far), told, accuracy)
         return max(self.far_time(half_turn, told, accuracy), near)
