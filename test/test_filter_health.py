@@ -16,6 +16,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -36,18 +37,23 @@ def run(seconds: float = 40.0, **nodes: Mapping[str, Any]) -> RunRecord:
     return simulate(load(files, given), seconds)
 
 
+@cache
+def correct() -> RunRecord:
+    return run()
+
+
 def rows(record: RunRecord) -> dict[str, Any]:
     return {each.key: each for each in Verdict(record).requirements}
 
 
 def test_a_correct_filter_meets_its_requirements() -> None:
-    found = rows(run())
+    found = rows(correct())
     for key in ("knowledge_outside", "nis", "refused_fixes", "lost_messages"):
         assert found[key].met is True, key
 
 
 def test_one_run_does_not_condemn_the_knowledge_that_is_a_little_wrong() -> None:
-    record = run()
+    record = correct()
     estimate = record["estimate"].copy()
     estimate[:, 4:10] *= 0.1  # a filter that believes itself three times better than it is
     boastful = replace(record, columns={**record.columns, "estimate": estimate})
@@ -104,7 +110,7 @@ def test_knowledge_is_judged_without_any_innovation() -> None:
 
 
 def test_innovations_are_not_judged_by_a_gate_that_was_changed() -> None:
-    record = replace(run(), changes=(Change(10**9, "attitude_estimator", "gate", 0.5),))
+    record = replace(correct(), changes=(Change(10**9, "attitude_estimator", "gate", 0.5),))
     assert not {"nis", "refused_fixes"} & set(rows(record))
 
 
@@ -114,7 +120,7 @@ def test_a_run_without_a_filter_is_not_judged_by_one() -> None:
 
 
 def test_the_figures_show_the_filters_errors_in_its_own_band() -> None:
-    record = run()
+    record = correct()
     figures = figures_of(Measured(record))
     lines = {axes.get_ylabel()[-10:-9]: axes.lines for axes in figures["knowledge_error"][1].axes}
     sigma = np.degrees(np.sqrt(record["estimate"][-1, [4, 7, 9]])) * 3600.0
@@ -134,7 +140,7 @@ def test_the_figures_show_the_filters_errors_in_its_own_band() -> None:
 
 
 def test_an_error_far_beyond_its_band_is_in_view() -> None:
-    record = run(20.0)
+    record = correct()
     told = record["attitude"] + np.array([0.01, 0.0, 0.0, 0.0])  # 1.1°
     columns = {**record.columns, "attitude": told / np.linalg.norm(told, axis=1, keepdims=True)}
     figures = figures_of(Measured(replace(record, columns=columns)))

@@ -12,15 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What slews need and leave: `check`, the default limits, and the mission that is shipped."""
+"""What slews need, as `check` tells it, and the mission that is shipped."""
 
 import math
 from typing import Any
 
-import numpy as np
 import pytest
 from craft_helpers import case, conditions
-from test_goal_reference import STRAIGHT, flight, tour
+from test_goal_reference import STRAIGHT, flight
 
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
@@ -58,13 +57,6 @@ def test_check_says_what_a_slew_needs_of_torque_and_rate() -> None:
     assert late.holds
     assert not early.holds
     assert early.value > 5.0  # [deg/s] for an error on the envelope at 5 s
-
-
-def test_default_limits_leave_the_law_its_margin() -> None:
-    """The slews of the tour never bring the actuator to its limit, nor near it."""
-    record = simulate(tour(100.0), 150.0)
-    needed = np.abs(record.columns["unsaturated_torque"]).max()
-    assert 0.005 < needed < 0.6 * 0.05
 
 
 def test_shipped_mission_is_flown_and_meets_every_requirement() -> None:
