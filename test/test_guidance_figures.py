@@ -22,6 +22,7 @@ from craft_helpers import configs
 from guidance_helpers import cones, goals
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 from synthetic import part_of
 from test_goal_reference import DESIRED_ATTITUDE, STRAIGHT, flight, given_in_flight
@@ -55,6 +56,11 @@ def record() -> RunRecord:
         ),
         240.0,
     )
+
+
+@pytest.fixture(scope="module")
+def drawn(record: RunRecord) -> dict[str, tuple[str, Figure]]:
+    return figures_of(Measured(record))
 
 
 def test_flight_is_what_the_reference_did(record: RunRecord) -> None:
@@ -121,8 +127,9 @@ def test_a_refused_order_is_no_run_that_meets_all(record: RunRecord) -> None:
     assert "refused_orders" not in {row.key for row in resting.requirements}
 
 
-def test_figures_show_ways_sky_and_angles(record: RunRecord) -> None:
-    drawn = figures_of(Measured(record))
+def test_figures_show_ways_sky_and_angles(
+    record: RunRecord, drawn: dict[str, tuple[str, Figure]]
+) -> None:
     assert set(drawn) >= OWN
     ways = drawn["slews"][1].axes
     assert [axes.get_ylabel() for axes in ways] == [
@@ -170,9 +177,11 @@ def test_a_turn_that_is_cut_short_after_a_refusal_is_drawn_until_then() -> None:
     assert turn[1] == pytest.approx(brake[0])
 
 
-def test_every_line_of_the_way_can_be_read_off_by_name(record: RunRecord) -> None:
+def test_every_line_of_the_way_can_be_read_off_by_name(
+    drawn: dict[str, tuple[str, Figure]],
+) -> None:
     """A line without a name has no value in the chart of the page."""
-    slews = figures_of(Measured(record))["slews"][1]
+    slews = drawn["slews"][1]
     names = [{each.get_label() for each in axes.get_lines()} for axes in slews.axes]
     assert names[0] >= {"craft", "desired"}
     assert all("desired, norm" in each for each in names[1:])
