@@ -37,7 +37,6 @@ from ppc_attitude.contract.topics import (
     CONTROLLER,
     INJECTOR,
     PLANT,
-    RECORDER,
     REFERENCE,
     TORQUE_COMMAND,
 )
@@ -100,15 +99,20 @@ def test_nodes_join_late_and_again_in_any_order(
 
 
 def test_a_plant_that_runs_free_says_which_first_answer_it_waits_for(
-    tmp_path: Path, start_process: StartProcess
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    recorder = Node(start_process, tmp_path, RECORDER, f"bag:={tmp_path / 'bag'}")
-    plant = Node(start_process, tmp_path, PLANT, "wait_for_recorder:=true")
-    plant.says("waiting at t = 0.000 s for torque_command, disturbance/torque; nobody publishes")
-    plant.send(signal.SIGINT)
-    assert plant.ends() == 0, plant.err
-    recorder.send(signal.SIGINT)
-    recorder.ends()
+    clock = [0.0]
+    monkeypatch.setattr(SpacecraftPlant, "now", lambda _: clock[0])
+    monkeypatch.setattr(SpacecraftPlant, "_unrecorded", lambda _: [])  # the recorder listens
+    rclpy.init(args=["--ros-args", "-p", "wait_for_recorder:=true"])
+    plant = SpacecraftPlant()
+    plant.await_recorder()
+    for clock[0] in (0.0, 10.0):
+        plant.wake()
+    plant.destroy_node()
+    rclpy.shutdown()
+    told = "waiting at t = 0.000 s for torque_command, disturbance/torque; nobody publishes"
+    assert told in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(
