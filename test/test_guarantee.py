@@ -16,6 +16,7 @@
 
 import json
 import math
+import re
 import tracemalloc
 import warnings
 from dataclasses import replace
@@ -110,7 +111,7 @@ class Intervals:
 
 
 @cache
-def proved(name: str = "guaranteed") -> Certificate:
+def proved(name: str) -> Certificate:
     return certify(values_of(name))
 
 
@@ -259,21 +260,16 @@ def test_a_gain_whose_square_is_zero_is_refused() -> None:
         case("guaranteed").with_values(CONTROLLER, **{"momentum_tube.k": 5e-324})
 
 
-def test_a_certificate_that_promises_too_much_is_found_out() -> None:
-    stored = json.loads(certificate_path(*configs("guaranteed")).read_text())
-    stored["promises"][0]["time"] -= 1.0
-    found = differences(stored, proved())
-    assert len(found) == 1
-    assert "can be promised" in found[0]
-
-
 def test_a_certificate_with_any_other_number_is_found_out() -> None:
     """Only its digest and its times had been compared."""
     stored = json.loads(certificate_path(*configs("guaranteed")).read_text())
+    stored["promises"][0]["time"] -= 1.0
     stored["terminal_error"] *= 0.1
     stored["inequalities"][1]["left"][1] *= 0.9
     del stored["inequalities"][-1]
-    assert differences(stored, proved()) == [
+    time, *others = differences(stored, proved("guaranteed"))
+    assert re.fullmatch(r"it promises .* s from .* deg/s, [0-9.]+ s can be promised", time)
+    assert others == [
         "it promises 4.36e-05 in the end, 0.000436 can be promised",
         "it has other numbers than those that are proved: C1 x, C13 φ1",
     ]
@@ -281,7 +277,7 @@ def test_a_certificate_with_any_other_number_is_found_out() -> None:
 
 def test_an_inequality_has_a_name_of_its_own() -> None:
     """Numbers are compared by it; two were "C1 z", of which one could be anything."""
-    names = [each.name for each in proved().inequalities]
+    names = [each.name for each in proved("guaranteed").inequalities]
     assert sorted(set(names)) == sorted(names)
 
 
