@@ -178,12 +178,6 @@ def test_random_switches_keep_the_limits() -> None:
             t += rest
 
 
-def test_half_a_turn_from_rest_to_rest() -> None:
-    state = begun(STRAIGHT)
-    pursue(0.0, INERTIAL, (1.0, 0.0, 0.0, 0.0), guidance(), state)
-    assert active(state)["end"] == pytest.approx(97.0, abs=1e-9)
-
-
 def test_goal_where_it_is_already_takes_no_time() -> None:
     state = begun(PAPER)
     assert pursue(1.0, INERTIAL, quaternion(-np.array(PAPER)), guidance(), state) == ACCEPTED
