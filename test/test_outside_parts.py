@@ -325,10 +325,11 @@ def test_who_reads_what_is_given_later_hears_what_is_allowed(tell: Tell, tmp_pat
 CAPTIONS = """
 import sys
 from ppc_attitude.analysis.figures import _drawings
+from ppc_attitude.contract.versions import versions
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
 record = simulate(load(sys.argv[1:]), 0.1)
-print(*(caption for _, caption, _ in _drawings(record)), sep="\\n")
+print(*(caption for _, caption, _ in _drawings(record)), versions(), sep="\\n")
 """
 
 
@@ -339,8 +340,7 @@ def test_a_report_tells_who_gives_a_bounded_column_and_the_version_of_its_packag
     choose(tmp_path, "/**", "estimator: bounded")
     told = run_outside(*FILES, "own.yaml", script=CAPTIONS).stdout
     assert "\nRate change in its envelope, as attitude_estimator reports it\n" in told
-    versions = "from ppc_attitude.contract.versions import versions; print(versions())"
-    assert "'outside_parts': '1.0'" in run_outside(script=versions).stdout
+    assert "'outside_parts': '1.0'" in told
 
 
 def test_the_law_is_checked_for_the_reference_that_is_selected(tell: Tell, tmp_path: Path) -> None:
