@@ -149,8 +149,6 @@ ARRAYS = "DOUBLE_ARRAY or INTEGER_ARRAY"
         ([GOOD, asked("end", 77)], "end is unknown; allowed: torque, start, duration"),
         ([asked("torque", 77)], f"torque is of type 77; allowed: {ARRAYS}"),
         ([asked("torque", 9)], f"torque is of type STRING_ARRAY; allowed: {ARRAYS}"),
-        ([asked("torque", 6)], f"torque is of type BOOL_ARRAY; allowed: {ARRAYS}"),
-        ([asked("torque", 5)], f"torque is of type BYTE_ARRAY; allowed: {ARRAYS}"),
         ([GOOD, asked("start", 1)], "start is of type BOOL; allowed: DOUBLE or INTEGER"),
         ([GOOD, asked("duration", 77)], "duration is of type 77; allowed: DOUBLE or INTEGER"),
     ],
