@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Ask
 
 from ppc_attitude.command_line.commands import latency
-from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import ATTITUDE, TORQUE_COMMAND, Topic
 from ppc_attitude.nodes import latency_probe
@@ -78,13 +78,13 @@ def test_a_stack_of_ones_own_is_measured_from_its_first_state_on(graph: list[flo
 
 @pytest.mark.parametrize("states", [0, 1])
 def test_too_few_states_to_tell_a_period_are_told(
-    states: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    states: int, monkeypatch: pytest.MonkeyPatch, ask: Ask, capsys: pytest.CaptureFixture[str]
 ) -> None:
     few = Latencies(states, np.nan, np.full(states, TRIP))
     monkeypatch.setattr(latency_probe, "measure", lambda *_: few)
-    assert main(["latency", "--live", "--duration", "0.01"]) == exits.BROKEN
     text = f"{states} states were measured; two and more tell their period"
-    assert capsys.readouterr() == ("", f"error: {text}\n")
+    told = ask("latency", "--live", "--duration", 0.01, code=exits.BROKEN)
+    assert told == ("", f"error: {text}\n")
     latency._print(few)  # of a run of its own
     assert capsys.readouterr().out == f"{text}\n"
 

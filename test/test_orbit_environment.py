@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Ask
 from craft_helpers import configs
 from estimation_helpers import angles_between
 from guidance_helpers import mean_anomaly
@@ -26,7 +27,6 @@ from scipy.spatial.transform import Rotation
 from truth_tables import columns, table
 
 from ppc_attitude.campaign.declaration import campaign, scenario_of_run
-from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT
 from ppc_attitude.science.attitude import to_body
@@ -211,9 +211,8 @@ def test_what_a_campaign_draws_of_the_craft_is_what_gravity_acts_on() -> None:
 
 
 @pytest.mark.usefixtures("coarse")
-def test_a_guarantee_takes_the_torques_bound(tmp_path: Path) -> None:
-    files = [f"--config={path}" for path in FILES]
-    command = ["design", *files, "--gains", "1", "15.4", "0.2"]  # a search would take longer
-    assert main([*command, "--output", str(tmp_path / "gains.yaml")]) == 0
+def test_a_guarantee_takes_the_torques_bound(tmp_path: Path, ask: Ask) -> None:
+    files, gains = [f"--config={path}" for path in FILES], tmp_path / "gains.yaml"
+    ask("design", *files, "--gains", 1, 15.4, 0.2, "--output", gains)  # a search would take longer
     bound = orbit.bound(load(FILES).parameters[INJECTOR])
-    assert f"        d: {bound}  # [N·m]\n" in (tmp_path / "gains.yaml").read_text(encoding="utf-8")
+    assert f"        d: {bound}  # [N·m]\n" in gains.read_text(encoding="utf-8")

@@ -22,10 +22,10 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 from campaign_helpers import rows_of
+from conftest import Answer
 from craft_helpers import CONFIG
 from process_helpers import PATIENCE
 
@@ -54,17 +54,7 @@ OWN = {
 }
 COMMAND = "import sys; from ppc_attitude.command_line.main import main; sys.exit(main())"
 Run = Callable[..., subprocess.CompletedProcess[str]]
-
-
-class Told(NamedTuple):
-    """What a command leaves."""
-
-    code: int
-    out: str
-    err: str
-
-
-Tell = Callable[..., Told]
+Tell = Callable[..., Answer]
 
 
 # Runs each command that it reads, in the folder that comes with it.
@@ -144,14 +134,14 @@ def outside(tmp_path_factory: pytest.TempPathFactory) -> Iterator[subprocess.Pop
 def tell(outside: "subprocess.Popen[str]", tmp_path: Path) -> Tell:
     """Run a command there, in the folder of the test: what it prints, and its errors."""
 
-    def run(words: str, code: int = 0) -> Told:
+    def run(words: str, code: int = 0) -> Answer:
         print(json.dumps((str(tmp_path), words)), file=outside.stdin, flush=True)
         late = threading.Timer(PATIENCE, outside.kill)
         late.start()
-        told = Told(*json.loads(outside.stdout.readline()))
+        ended, *printed = json.loads(outside.stdout.readline())
         late.cancel()
-        assert told.code == code, told
-        return told
+        assert ended == code, printed
+        return Answer(*printed)
 
     return run
 
@@ -348,7 +338,7 @@ def test_the_law_is_checked_for_the_reference_that_is_selected(tell: Tell, tmp_p
     for rate in (0.0, 0.01):
         turn = f"mode: turn, turn.rate: {rate}, amplitude: [0.5, 0.5, 0.5]"
         choose(tmp_path, "reference_generator", turn, f"turn{rate}.yaml")
-        conditions = json.loads(tell(f"check --config turn{rate}.yaml --json").out)["conditions"]
+        conditions = tell(f"check --config turn{rate}.yaml --json").json["conditions"]
         bounds += [each["value"] for each in conditions if each["name"] == "rate bound"]
     assert bounds[0] < 6.0
     assert bounds[1] - bounds[0] == pytest.approx(math.degrees(0.01))
@@ -357,21 +347,21 @@ def test_the_law_is_checked_for_the_reference_that_is_selected(tell: Tell, tmp_p
 def test_a_law_is_judged_by_its_own_bounds(tell: Tell, tmp_path: Path) -> None:
     given = f"{PAPER} --controller"
     run = f"simulate {given} {{}} --duration 1 --json"
-    simulated = [tell(run.format(law), code).out for law, code in (("margin", 1), ("ppc", 0))]
+    simulated = [tell(run.format(law), code).json for law, code in (("margin", 1), ("ppc", 0))]
     (tmp_path / "one.yaml").write_text("campaign: {initial_attitude: so3}\n")
     campaign = f"campaign {given} margin --campaign one.yaml --duration 1 --runs 2 --out c --json"
-    told = [each["name"] for each in json.loads(tell(campaign, code=1).out)["requirements"]]
+    told = [each["name"] for each in tell(campaign, code=1).json["requirements"]]
     assert told.count("attitude error outside its envelope") == 1
-    metrics = json.loads(simulated[0])["metrics"]
+    metrics = simulated[0]["metrics"]
     assert metrics["time_outside_attitude_envelope_s"] == 0.51
     assert metrics["time_pointing_outside_attitude_envelope_s"] == 0.51
     rows = [
         {
             each["name"]: (each["value"], each["pass"])
-            for each in json.loads(line)["requirements"]
+            for each in verdict["requirements"]
             if "outside its envelope" in each["name"]
         }
-        for line in simulated
+        for verdict in simulated
     ]
     assert rows[0] == {"attitude error outside its envelope": (0.51, False)}
     assert set(rows[1]) == {f"{which} error outside its envelope" for which in ("attitude", "rate")}
@@ -385,7 +375,7 @@ def test_a_sweep_tells_the_envelopes_that_the_components_declare(
     given = f"sweep {CONFIGS} --config own.yaml --pulse-durations 0.1 --at 1 --duration 2"
     head = next(line for line in tell(given).out.splitlines() if line.startswith("hit [s]"))
     assert "z2 outside [s]  rate change outside [s]  verdict" in head
-    (hit,) = json.loads(tell(f"{given} --json").out)["hits"]
+    (hit,) = tell(f"{given} --json").json["hits"]
     assert hit["time_outside_rate_envelope_s"] is None
     assert hit["time_outside_rate_limit_s"] > 0.0
 
@@ -428,13 +418,13 @@ def test_each_run_of_a_campaign_has_noise_of_its_own(tell: Tell, tmp_path: Path)
     (tmp_path / "nothing.yaml").write_text("campaign: {}\n")
     campaign = f"campaign {PAPER} --config own.yaml --campaign nothing.yaml --duration 1"
     tell(f"{campaign} --runs 2 --workers 1 --out out")
-    alone = json.loads(tell(f"{campaign} --only 1 --json").out)["metrics"]
+    alone = tell(f"{campaign} --only 1 --json").json["metrics"]
     assert rows_of(tmp_path / "out")[1]["max_rate_deg_s"] == alone["max_rate_deg_s"]
 
 
 def test_a_law_that_reads_neither_attitude_nor_rate_flies(tell: Tell) -> None:
     given = f"{PAPER} --controller blind"
-    assert json.loads(tell(f"simulate {given} --duration 0.1 --json").out)["controller"] == "blind"
+    assert tell(f"simulate {given} --duration 0.1 --json").json["controller"] == "blind"
     assert "initial attitude error x y z w: -0.22952, 0.25933" in tell(f"check {given}").out
 
 
@@ -451,7 +441,7 @@ def test_the_truth_is_on_record_whatever_sensors_from_outside_say_of_themselves(
     """These round, and the estimator behind them takes the mean of two rates."""
     choose(tmp_path, "spacecraft_plant", "sensors: sure")
     command = f"simulate {CONFIGS} --config own.yaml --duration 1 --json"
-    told = json.loads(tell(command).out)
+    told = tell(command).json
     assert told["truth"] == "recorded"
     knowledge = next(each for each in told["errors"] if each["name"] == "knowledge")
     assert knowledge["max_deg"] > 0.0
