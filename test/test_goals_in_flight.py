@@ -215,10 +215,8 @@ def test_bad_goals_are_refused_and_the_present_one_goes_on(pilot: Pilot) -> None
     ):
         pilot.pose(attitude, frame, at)
         assert pilot.hears(reason).level == DiagnosticStatus.WARN
-    one, empty = (
-        MultiDOFJointTrajectoryPoint(transforms=[Transform()]),
-        (MultiDOFJointTrajectoryPoint()),
-    )
+    empty = MultiDOFJointTrajectoryPoint()
+    one = MultiDOFJointTrajectoryPoint(transforms=[Transform()])
     soon = MultiDOFJointTrajectoryPoint(transforms=[Transform()])
     soon.time_from_start.nanosec = 1
     for joints, body, reason in (
