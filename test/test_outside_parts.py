@@ -212,27 +212,13 @@ def test_parts_from_outside_go_all_the_way(run_outside: Run, tmp_path: Path) -> 
     assert "<svg" in page or "<img" in page
 
 
-def test_a_part_that_is_none_is_left_out_and_named(run_outside: Run, tmp_path: Path) -> None:
-    laws = "broken = outside_parts:NOWHERE\nwrong = outside_parts:RING\nscript = leaving:LAW"
-    laws += "\nskipped = skipping:LAW"
-    name_points(tmp_path, controllers=laws, plants="share = outside_parts:LAW")
-    (tmp_path / "installed/leaving.py").write_text("raise SystemExit(5)\n")
-    (tmp_path / "installed/skipping.py").write_text("raise BaseException('no GPU')\n")
-    code = (
-        "from ppc_attitude.science.kinds import all_components as a; print(*(c.name for c in a()))"
-    )
-    done = run_outside(script=code)
-    assert "share" not in done.stdout
-    assert "ppc" in done.stdout
-    assert (
-        "broken = outside_parts:NOWHERE of ppc_attitude.controllers cannot be loaded" in done.stderr
-    )
-    assert "of ppc_attitude.controllers cannot be loaded: SystemExit(5)" in done.stderr
-    assert "of ppc_attitude.controllers cannot be loaded: BaseException('no GPU')" in done.stderr
-    assert "is left out: it is a Parameter, not a Component" in done.stderr
-    assert "is left out: share does not give truth_attitude" in done.stderr
-
-
+# Entry points that lead to no part of their kind, and what is told of them.
+NONE = {
+    "broken = outside_parts:NOWHERE": "of ppc_attitude.controllers cannot be loaded",
+    "script = leaving:LAW": "of ppc_attitude.controllers cannot be loaded: SystemExit(5)",
+    "skipped = skipping:LAW": "ppc_attitude.controllers cannot be loaded: BaseException('no GPU')",
+    "wrong = outside_parts:RING": "is left out: it is a Parameter, not a Component",
+}
 MISFITS = {
     "controllers": {
         "other_column": "left out: its column attitude has form = 'vector', another's 'quaternion'",
@@ -275,14 +261,17 @@ MISFITS = {
 }
 
 
-def test_a_part_that_cannot_be_beside_the_others_is_left_out_and_breaks_nothing(
+def test_what_is_no_part_or_cannot_be_beside_the_others_is_left_out_and_breaks_nothing(
     run_outside: Run, tmp_path: Path
 ) -> None:
     points = {
-        kind: "\n".join(f"{name} = misfits:{name}" for name in misfits)
-        for kind, misfits in MISFITS.items()
+        kind: [f"{name} = misfits:{name}" for name in misfits] for kind, misfits in MISFITS.items()
     }
-    name_points(tmp_path, **points)
+    points["controllers"] += NONE
+    points["plants"].append("share = outside_parts:LAW")
+    name_points(tmp_path, **{kind: "\n".join(lines) for kind, lines in points.items()})
+    (tmp_path / "installed/leaving.py").write_text("raise SystemExit(5)\n")
+    (tmp_path / "installed/skipping.py").write_text("raise BaseException('no GPU')\n")
     code = (
         "import sys\nfrom ppc_attitude.command_line.main import main\n"
         "from ppc_attitude.science.kinds import all_components\n"
@@ -299,6 +288,10 @@ def test_a_part_that_cannot_be_beside_the_others_is_left_out_and_breaks_nothing(
             of_it = f"Warning: entry point {name} = misfits:{name} of ppc_attitude.{kind}"
             told = [line for line in warned if of_it in line]
             assert [problem in line for line in told] == [True] * bool(problem), told
+    for point, problem in {**NONE, "share =": "share does not give truth_attitude"}.items():
+        assert [problem in line for line in warned if point in line] == [True], point
+    assert "share" not in kept
+    assert "ppc" in kept
 
 
 def test_an_advice_that_is_none_is_refused_before_anything_runs(tell: Tell) -> None:
