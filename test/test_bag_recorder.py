@@ -128,9 +128,8 @@ def test_a_recorder_ends_although_its_stack_runs_on(tmp_path: Path) -> None:
     assert 0 < read_run(bag).stamps_ns.size < sent < most
 
 
-@pytest.mark.parametrize("name", [CONTROLLER, REFERENCE])
 def test_a_node_that_is_started_again_is_asked_again(
-    name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """What it has else than before is a change; before the run its latest start counts.
 
@@ -143,14 +142,14 @@ def test_a_node_that_is_started_again_is_asked_again(
             nonlocal said
             beside.node.wake()
             said += capfd.readouterr().err
-            return said.count(f"/{name} are on record") == asked
+            return said.count(f"/{REFERENCE} are on record") == asked
 
         for k in (1.0, 2.0, 3.0, 3.0):
             if k == 3.0:  # the run has begun
                 beside.send(ATTITUDE, stamp_of(asked, 100.0), UNIT)
-            node = rclpy.create_node(name)
-            theirs = ("key", [b"\x01", b"\xff"])  # JSON knows no bytes
-            node.declare_parameters("", [("k", k), ("controller", "ppc"), theirs])
+            node = rclpy.create_node(REFERENCE)
+            own = ("key", [b"\x01", b"\xff"])  # JSON knows no bytes
+            node.declare_parameters("", [("k", k), own])
             beside.executor.add_node(node)
             asked += 1
             beside.until(has_answered)
@@ -158,7 +157,8 @@ def test_a_node_that_is_started_again_is_asked_again(
             node.destroy_node()
         beside.send(ATTITUDE, stamp_of(asked, 100.0), UNIT)
     record = read_run(bag)
-    assert (record.parameters[name]["k"], record.parameters[name]["key"]) == (2.0, [1, 255])
+    theirs = record.parameters[REFERENCE]
+    assert (theirs["k"], theirs["key"]) == (2.0, [1, 255])
     told = {(change.stamp_ns, change.name, change.value) for change in record.changes}
     begun = {(stamp_of(step, 100.0), "enabled", True) for step in (2, 3)}
     assert told == {(stamp_of(2, 100.0), "k", 3.0), *begun}

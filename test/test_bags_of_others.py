@@ -76,9 +76,9 @@ def pose(attitude: Any) -> Any:
     return TYPES["geometry_msgs/msg/Pose"](position=point, orientation=quaternion(attitude))
 
 
-def write_typed(path: Path, typed: list[tuple[str, int, Any]], storage: str = "mcap") -> Path:
+def write_typed(path: Path, typed: list[tuple[str, int, Any]]) -> Path:
     """Messages by absolute topic, receive time and content."""
-    with BagWriter(path, storage=storage) as writer:
+    with BagWriter(path) as writer:
         for topic, msgtype in {topic: m.__msgtype__ for topic, _, m in typed}.items():
             writer.add_topic(topic, msgtype)
         for topic, time, m in typed:
@@ -159,11 +159,10 @@ UNSTAMPED = {
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_an_attitude_of_hardware(tmp_path: Path, kind: str, storage: str) -> None:
+def test_an_attitude_of_hardware(tmp_path: Path, kind: str) -> None:
     """With another type and name, with or without stamps: then it counts when it was received."""
     sent = [("/mocap", stamp, KINDS[kind](stamp, q)) for stamp, q in rows(RUN, "attitude")]
-    bag = write_typed(tmp_path / "bag", sent, storage)
-    read = read_run(bag, topics={"attitude": "/mocap"})
+    read = read_run(write_typed(tmp_path / "bag", sent), topics={"attitude": "/mocap"})
     np.testing.assert_array_equal(read.stamps_ns, RUN.stamps_ns)
     np.testing.assert_array_equal(read["attitude"], RUN["attitude"])
     told = [each for each in read.warnings if "the times of receipt are taken" in each]
