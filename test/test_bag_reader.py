@@ -48,8 +48,11 @@ RUN = normal_run(duration=1.0)
 STEPS = len(RUN.stamps_ns)
 
 
-def test_a_run_comes_back_to_the_last_bit(tmp_path: Path, storage: str) -> None:
+def test_a_run_comes_back_to_the_last_bit_without_a_temporary_folder(
+    tmp_path: Path, storage: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_run(RUN, tmp_path / "bag", storage=storage)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))
     read = read_run(tmp_path / "bag")
     assert_same(read, RUN)
     assert (read.controller, read.warnings, read.missing) == ("ppc", (), {})
@@ -69,14 +72,6 @@ def test_a_whole_bag_of_a_run_that_ended_early_says_so(
         "its end is not told"
         for each in told
     )
-
-
-def test_a_bag_that_is_not_compressed_is_read_without_a_temporary_folder(
-    tmp_path: Path, storage: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_run(RUN, tmp_path / "bag", storage=storage)
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))
-    assert_same(read_run(tmp_path / "bag"), RUN)
 
 
 @pytest.mark.parametrize("storage", list(StoragePlugin))
