@@ -132,7 +132,6 @@ WRONG = [
     ("simulate --config month.yaml", "month.yaml is not YAML: month must be in 1..12"),
     ("simulate --config bits.yaml", "bits.yaml is not YAML: number of 2002 characters, allowed"),
     ("check --config /proc/self/mem", "/proc/self/mem: Input/output error"),
-    ("run --duration -1", "-1"),
     ("run --duration nan", "nan"),
     ("run --duration soon", "soon"),
     ("run --controller pid", "pid"),
@@ -168,7 +167,6 @@ WRONG = [
         for wrong in ("attitude", "=/imu", "attitude=")
     ),
     ("simulate --duration 0", "0; allowed: finite numbers above 0"),
-    ("simulate --controller pid", "pid"),
     ("simulate --duration 1e8", "1e+10 instants need "),
     ("run --duration 1e8", "duration = 1e+08 s at 100 Hz"),
     ("sweep --duration 1e8", "1e+10 instants need "),
@@ -232,7 +230,6 @@ WRONG = [
     ("inject 0 -inf 0", "torque = (0.0, -inf, 0.0) N·m"),
     ("inject 1 0 0 --duration -1", "-1"),
     ("inject 1 0 0 --at 1e300", "argument --at: 1e300; allowed: finite numbers from 0 to 1e+08 s"),
-    ("goto --euler 0 0 9 --at 1e30", "argument --at: 1e30; allowed: finite numbers"),
     ("goto --euler 0 0 9 --at 3e9", "argument --at: 3e9; allowed: finite numbers from 0"),
     ("goto --euler nan 0 0 --at 5", "argument --euler: nan; allowed: finite numbers"),
     ("goto --quaternion 0 0 inf 1", "argument --quaternion: inf; allowed: finite numbers"),
