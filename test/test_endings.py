@@ -352,7 +352,7 @@ def test_a_run_whose_plant_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) ->
     plant.listen, plant.process.poll = lambda patience=0.0: None, lambda: None
     plant.told.clear()
     give_up = time.monotonic() + PATIENCE
-    slow = time.monotonic() + 2.0
+    slow = time.monotonic() + 1.0
     while time.monotonic() < slow:  # one that is slow tells again what it has told
         plant.told[TIME] = 7.0
         assert run.goes_on(Event())
@@ -427,7 +427,7 @@ from ppc_attitude.processes import leaving
 class Held(DisturbanceInjector):
     def __init__(self):
         super().__init__()
-        self.finished, self.exit_code = True, int(sys.argv[1])
+        self.finished, self.exit_code = True, 3
 
     def destroy_node(self):  # as rclpy does it: the middleware is waited for with Python's lock
         ctypes.PyDLL(None).sleep(600)
@@ -440,14 +440,8 @@ sys.exit(running.run_node(Held, ["node"]))
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize("code", [0, 3])
-def test_a_node_that_its_middleware_does_not_let_go_ends_all_the_same(code: int) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", HELD, str(code)],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
-    assert done.returncode == code, done.stderr
+def test_a_node_that_its_middleware_does_not_let_go_ends_all_the_same() -> None:
+    command = [sys.executable, "-c", HELD]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 3, done.stderr
     assert "in destroy_node" in done.stderr
