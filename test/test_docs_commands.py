@@ -155,7 +155,7 @@ def shortened(arguments: list[str]) -> list[str]:
     if arguments[0] == "design" and "--gains" not in arguments:
         return [*arguments, "--gains", "0.4", "88.35", "1"]
     if "--runs" in arguments:
-        return [*arguments, "--runs", "10", "--workers", "1"]
+        return [*arguments, "--runs", "3", "--workers", "1"]
     return arguments
 
 
