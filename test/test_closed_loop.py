@@ -198,13 +198,6 @@ def test_the_samples_of_an_instant_belong_together() -> None:
         assert q_e == tuple(record["attitude_error"][k])
 
 
-def test_columns_are_those_that_the_law_has() -> None:
-    record = simulate(scenario({"ppc_controller": {"controller": "quaternion_feedback"}}), 0.1)
-    assert "attitude_error" in record
-    assert "attitude_envelope" not in record
-    assert "auxiliary_state" not in record
-
-
 def factor(unit: str, mass: float, time: float) -> float:
     """Factor on a number of a unit, if mass and time are so many times as large."""
     of_mass, of_time = POWERS.get(unit, (0.0, 0.0))

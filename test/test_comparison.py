@@ -111,11 +111,6 @@ def test_an_error_of_one_number_has_one_row():
     assert dotted == [2, 0, 0]
 
 
-def test_runs_of_different_length():
-    figure = attitude_comparison(measured([normal_run(10.0), normal_run(30.0)]), LABELS)
-    assert figure.axes[0].get_xlim() == (0.0, 30.0)
-
-
 def test_no_part_of_a_run_is_hidden_by_another_that_was_recorded_late():
     whole = normal_run(30.0)
     late = part_of(whole, slice(1000, None))

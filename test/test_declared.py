@@ -44,7 +44,10 @@ def test_who_took_part_promises_what_it_sends() -> None:
     another = {**ours, CONTROLLER: {"controller": "log_barrier"}}
     assert BY_COLUMN["auxiliary_state"].name not in names(another)
     assert names(everyone) == {topic.name for topic in SAMPLED if topic.source != CONTROLLER}
-    assert DISTURBANCE.name not in names({PLANT: {}, CONTROLLER: {"controller": "ppc"}})
+    law = names({CONTROLLER: ours[CONTROLLER]})
+    assert law == {topic.name for topic in SAMPLED if topic.source == CONTROLLER}
+    assert DISTURBANCE.name not in names({PLANT: {}, CONTROLLER: ours[CONTROLLER]})
+    assert names({}) == set()
 
 
 def test_a_recorder_is_told_what_comes_at_each_instant_and_what_does_not() -> None:
@@ -68,9 +71,3 @@ def test_a_recorder_is_told_what_a_node_of_the_user_s_has_to_send() -> None:
     samples = json.loads(told)["samples"][f"/craft/{PLANT}"]
     assert BY_COLUMN["wheel_torque_command"].name in samples
     assert not {TORQUE_COMMAND.name, DISTURBANCE.name} & set(samples)
-
-
-def test_nodes_of_the_users_own_promise_nothing() -> None:
-    law = names({CONTROLLER: {"controller": "ppc"}})
-    assert law == {topic.name for topic in SAMPLED if topic.source == CONTROLLER}
-    assert names({}) == set()
