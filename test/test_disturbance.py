@@ -15,6 +15,7 @@
 import numpy as np
 from synthetic import environment
 
+from ppc_attitude.science.component import Component
 from ppc_attitude.science.disturbances import pulses
 from ppc_attitude.science.disturbances.pulses import PULSE, configuration_of
 from ppc_attitude.science.environments import none, paper
@@ -22,16 +23,12 @@ from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND, environme
 from ppc_attitude.science.part import Part
 
 
-def external_torque(stamp_ns: int, environment: bool, acting: np.ndarray) -> tuple[float, ...]:
-    """Give what the injector gives: the torque of the environment and the pulses."""
-    surroundings = Part((paper if environment else none).COMPONENT, {})
+def external_torque(stamp_ns: int, kind: Component, acting: np.ndarray) -> tuple[float, ...]:
+    """Give what the injector gives: the torque of an environment and the pulses."""
+    surroundings = Part(kind, {})
     sudden = Part(pulses.COMPONENT, {each.name: [] for each in pulses.COMPONENT.parameters})
     sudden.hold(configuration_of(acting)[0])
     return tuple(sudden.step(stamp_ns, surroundings.step(stamp_ns)))
-
-
-def printed(t: float) -> np.ndarray:
-    return environment(np.array([t]))[0]
 
 
 def test_environment_is_the_printed_one_and_bounded() -> None:
@@ -46,7 +43,7 @@ def test_environment_is_the_printed_one_and_bounded() -> None:
 def test_a_pulse_acts_from_its_first_nanosecond_and_not_at_its_last() -> None:
     acting = np.array([(2_000_000_000, 2_100_000_000, (0.1, 0.2, 0.3))], PULSE)
     at = {
-        stamp: external_torque(stamp, False, acting)
+        stamp: external_torque(stamp, none.COMPONENT, acting)
         for stamp in (1_999_999_999, 2_000_000_000, 2_099_999_999, 2_100_000_000)
     }
     assert list(at.values()) == [(0, 0, 0), (0.1, 0.2, 0.3), (0.1, 0.2, 0.3), (0, 0, 0)]
@@ -54,7 +51,6 @@ def test_a_pulse_acts_from_its_first_nanosecond_and_not_at_its_last() -> None:
 
 def test_overlapping_pulses_and_the_environment_add_up() -> None:
     acting = np.array([(0, 100, (0.5, 0.0, 0.0)), (50, 100, (0.25, 0.0, -1.0))], PULSE)
-    assert external_torque(75, False, acting) == (0.75, 0.0, -1.0)
-    assert np.allclose(
-        external_torque(75, True, acting), np.add(printed(75e-9), (0.75, 0, -1)), rtol=1e-14
-    )
+    assert external_torque(75, none.COMPONENT, acting) == (0.75, 0.0, -1.0)
+    expected = environment(np.array([75e-9]))[0] + (0.75, 0.0, -1.0)
+    assert np.allclose(external_torque(75, paper.COMPONENT, acting), expected, rtol=1e-14)
