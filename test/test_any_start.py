@@ -228,7 +228,7 @@ def follows_the_table(case: Scenario, error: Rotation) -> tuple[bool, bool]:
     """Whether the law says that the start can follow the table, and whether it does."""
     case = started(case, error, np.zeros(3))
     advice = advice_of(case)
-    record = simulate(case, 120.0)
+    record = simulate(case, 75.0)
     magnitude = np.abs(record["attitude_error"][:, :3])
     inside = bool(np.all(magnitude < record["attitude_envelope"]))
     return not advice.warning, inside and magnitude[record.t >= 60.0].max() < 5e-3

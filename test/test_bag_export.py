@@ -28,7 +28,7 @@ from synthetic import normal_run
 
 from ppc_attitude import bags
 from ppc_attitude.bags.errors import BagError
-from ppc_attitude.bags.export import _ROWS, export, export_csv, export_parquet
+from ppc_attitude.bags.export import export, export_csv, export_parquet
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.contract.declared import BY_COLUMN
@@ -63,15 +63,16 @@ def test_parquet_has_every_number_and_the_facts(tmp_path: Path) -> None:
     assert json.loads(facts["ppc_attitude.missing"]) == {"torque_command": 1}
 
 
-def test_csv_reads_back_to_the_last_bit(tmp_path: Path) -> None:
-    run = normal_run(duration=101.0, rate=100.0)  # more instants than are written at a time
+def test_csv_reads_back_to_the_last_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bags.export, "_ROWS", 40)  # instants that are written at a time
+    run = normal_run(duration=1.0)
     run["torque_command"][7] = np.nan
     export_csv(run, tmp_path / "run.csv")
     with (tmp_path / "run.csv").open(newline="") as file:
         names, *rows = csv.reader(file)
     columns = expected(run)
     assert names == list(columns)
-    assert len(rows) == len(run.stamps_ns) > _ROWS
+    assert len(rows) == len(run.stamps_ns) > 2 * 40
     for name, cells in zip(names, zip(*rows, strict=True), strict=True):
         numbers = [float(cell) if cell else np.nan for cell in cells]
         np.testing.assert_array_equal(numbers, columns[name], err_msg=name)
