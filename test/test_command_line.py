@@ -153,6 +153,7 @@ WRONG = [
     ("design --output new", "new: allowed are files that end in .yaml"),
     ("falsify --seed -1", "argument --seed: -1; allowed: whole numbers from 0"),
     ("falsify --runs -5", "argument --runs: -5; allowed: whole numbers from 1"),
+    ("falsify --pieces 10000", "argument --pieces: 10000; allowed: whole numbers from 0 to 1000"),
     (
         "falsify --start-rate -1",
         "argument --start-rate: -1; allowed: finite numbers from 0 to 5000",

@@ -333,11 +333,6 @@ def test_what_no_component_has_is_not_varied(
             campaign(declared, base, 0)
 
 
-def test_more_pieces_than_memory_holds_are_refused(tmp_path: Path, ask: Ask) -> None:
-    told = ask("falsify", "--pieces=10000", f"--out={tmp_path}", code=BAD_INPUT).err
-    assert "argument --pieces: 10000; allowed: whole numbers from 0 to 1000" in told
-
-
 def test_an_unknown_goal_is_refused() -> None:
     law = load([PAPER]).controller
     with pytest.raises(ConfigurationError, match="goal = speed; allowed for ppc: settling"):
