@@ -101,16 +101,16 @@ def test_hardware_that_was_not_assumed_voids_the_promise(overlays: list[str], to
 
 
 @pytest.fixture(scope="module")
-def designed_for_sensors(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Numbers of the law, proved for a craft with gyro, star tracker and filter."""
+def designed(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+    """Overlays of a craft with gyro, star tracker and filter, and of the law proved for it."""
     path = tmp_path_factory.mktemp("design") / "flagship.yaml"
     with coarse_cells():
         assert main(["design", *FLAGSHIP, "--gains", *GAINS, "--out", str(path)]) == 0
-    return path
+    return "sensors_flagship", str(path.with_suffix(""))
 
 
-def test_a_design_knows_the_errors_of_its_sensors(designed_for_sensors: Path) -> None:
-    record = record_of("sensors_flagship", str(designed_for_sensors.with_suffix("")))
+def test_a_design_knows_the_errors_of_its_sensors(designed: tuple[str, str]) -> None:
+    record = record_of(*designed)
     held = held_by(record)
     assert (held.reason, held.note, held.outside.any()) == ("", "", False)
     values = record.parameters[CONTROLLER]
@@ -120,34 +120,34 @@ def test_a_design_knows_the_errors_of_its_sensors(designed_for_sensors: Path) ->
 
 
 def test_a_gyro_that_cannot_measure_the_promised_rates_voids_the_promise(
-    designed_for_sensors: Path,
+    designed: tuple[str, str],
 ) -> None:
-    files = ("sensors_flagship", str(designed_for_sensors.with_suffix("")))
-    held = held_by(record_of(*files, spacecraft_plant={"gyro.full_scale": 0.03}))
+    held = held_by(record_of(*designed, spacecraft_plant={"gyro.full_scale": 0.03}))
     assert held.reason.startswith("gyro.full_scale = 0.03 rad/s; with what is promised")
 
 
 def test_a_bias_that_the_filter_does_not_know_of_voids_the_promise(
-    designed_for_sensors: Path,
+    designed: tuple[str, str],
 ) -> None:
     """The estimate was five times worse than assumed, and `check` promised all the same."""
-    files = ("sensors_flagship", str(designed_for_sensors.with_suffix("")))
     for bias, reason in (
         (2e-7, ""),
         (1e-3, "gyro.initial_bias = [0.001, 0.0, 0.0] rad/s; the filter takes σ = 2.42407e-07"),
     ):
-        held = held_by(record_of(*files, spacecraft_plant={"gyro.initial_bias": [bias, 0.0, 0.0]}))
+        held = held_by(
+            record_of(*designed, spacecraft_plant={"gyro.initial_bias": [bias, 0.0, 0.0]})
+        )
         assert held.reason.startswith(reason)
         assert bool(held.reason) == bool(reason)
 
 
 def test_check_says_that_a_promise_needs_fixes(
-    designed_for_sensors: Path, tmp_path: Path, ask: Ask
+    designed: tuple[str, str], tmp_path: Path, ask: Ask
 ) -> None:
     tracker = {"blinding_times": [30.0], "blinding_durations": [5.0], "dropout_probability": 1.0}
     late = {"/**": {"initial_fix": False}}
     blind = overlay(tmp_path / "blind.yaml", {**late, PLANT: {"star_tracker": tracker}})
-    files = [f"--config={file}" for file in (designed_for_sensors, blind)]
+    files = [f"--config={file}" for file in (*configs(designed[1]), blind)]
     told = ask("check", *FLAGSHIP, *files).page
     assert "guaranteed: |q_ev,i| < " in told
     for found in (
@@ -164,9 +164,9 @@ def test_check_says_that_a_promise_needs_fixes(
 
 
 def test_a_design_knows_the_torque_noise_that_its_sensors_make(
-    designed_for_sensors: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+    designed: tuple[str, str], ask: Ask, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    files = [*configs("paper", "sensors_flagship"), designed_for_sensors]
+    files = configs("paper", *designed)
     law = law_of(load(files).parameters[CONTROLLER])
     monkeypatch.setattr(design, "tuned", lambda *_: law)  # of these gains, found before
     told = ask("design", *FLAGSHIP, "--gains", *GAINS, "--torque-noise", 1e-6, code=1).out
@@ -203,10 +203,9 @@ def test_no_craft_within_the_assumptions_lags_more_than_a_gyro_may(
     assert (0.9 if e_S == 0.0 else 0.8) < most / _rate_lag(nodes, assumed, fastest) < 1.0
 
 
-def test_a_tracker_that_is_blind_suspends_the_promise(designed_for_sensors: Path) -> None:
+def test_a_tracker_that_is_blind_suspends_the_promise(designed: tuple[str, str]) -> None:
     blind = {"star_tracker.blinding_times": [0.05], "star_tracker.blinding_durations": [300.0]}
-    files = configs("paper", "sensors_flagship", str(designed_for_sensors.with_suffix("")))
-    record = simulate(load(files, {PLANT: blind}), 300.0)
+    record = simulate(load(configs("paper", *designed), {PLANT: blind}), 300.0)
     assert "or one whose covariance is beyond the assumed errors" in held_by(record).note
 
 
@@ -388,9 +387,9 @@ def test_a_broken_promise_is_found() -> None:
         assert np.flatnonzero(held.outside).tolist() == list(range(1000, 1010))
 
 
-def test_what_estimation_errors_may_add_breaks_no_promise(designed_for_sensors: Path) -> None:
+def test_what_estimation_errors_may_add_breaks_no_promise(designed: tuple[str, str]) -> None:
     """The law sees its momentum error N, and the turn e_A, beyond what the craft has."""
-    record = record_of("sensors_flagship", str(designed_for_sensors.with_suffix("")))
+    record = record_of(*designed)
     values = record.parameters[CONTROLLER]
     tube = np.add(values["momentum_tube.Y"], values["momentum_tube.N"])
     assert (record["momentum_tube"] == tube).all()
