@@ -40,16 +40,13 @@ SECOND = 1_000_000_000
 CHILD = (sys.executable, str(Path(bag_child.__file__)))
 
 
-def test_an_existing_folder_is_never_overwritten(tmp_path: Path, storage: str) -> None:
-    (tmp_path / "bag").mkdir()
-    with pytest.raises(BagError, match=r"bag exists already"):
-        BagWriter(tmp_path / "bag", storage=storage)
-    assert list((tmp_path / "bag").iterdir()) == []
-
-
 def test_refusals_name_what_is_wrong(tmp_path: Path) -> None:
     with pytest.raises(BagError, match=r"storage is 'tape', allowed are mcap, sqlite3"):
         BagWriter(tmp_path / "bag", storage="tape")
+    (tmp_path / "taken").mkdir()
+    with pytest.raises(BagError, match=r"taken exists already"):
+        BagWriter(tmp_path / "taken")
+    assert list((tmp_path / "taken").iterdir()) == []
     (tmp_path / "file").write_text("")
     with pytest.raises(BagError, match=r"cannot be made: Not a directory"):
         BagWriter(tmp_path / "file" / "bag")
