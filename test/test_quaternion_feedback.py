@@ -53,7 +53,7 @@ def test_small_errors_follow_the_chosen_second_order_dynamics() -> None:
     assert np.abs(angle - expected).max() < 2e-3 * start
 
 
-def test_slew_keeps_the_rate_limit_and_the_eigenaxis() -> None:
+def test_slew_keeps_the_rate_limit_and_the_eigenaxis_and_limits_torque_as_a_vector() -> None:
     run = simulate(scenario(from_rest([1, 2, -1], 2.5)), 300.0)
     rates = np.linalg.norm(run["angular_velocity"], axis=1)
     assert rates.max() == pytest.approx(0.03, rel=0.02)  # used, and kept
@@ -63,10 +63,6 @@ def test_slew_keeps_the_rate_limit_and_the_eigenaxis() -> None:
     assert np.linalg.norm(off_axis, axis=1).max() < 1e-6
     assert np.abs(error[-1]).max() < 1e-6
     assert np.abs(run["applied_torque"]).max() <= 0.05
-
-
-def test_torque_is_limited_as_a_vector() -> None:
-    run = simulate(scenario(from_rest([1, 2, -1], 2.5)), 5.0)
     wanted, given = run["unsaturated_torque"], run["torque_command"]
     limited = np.abs(wanted).max(axis=1) > 0.05
     assert limited.any()
@@ -110,4 +106,4 @@ def test_integral_rests_while_the_error_is_limited_and_is_bounded() -> None:
 
     limit = gains["damping"] * gains["max_rate"] / gains["stiffness"]
     assert hold(2.5, 100) == 0.0
-    assert hold(0.02, 100_000) == pytest.approx(limit * gains["integral_time"], rel=1e-12)
+    assert hold(0.02, 10_000) == pytest.approx(limit * gains["integral_time"], rel=1e-12)
