@@ -21,6 +21,7 @@ import pytest
 from ppc_attitude.runtime.publishers import Publishers
 
 PERIOD = 10_000_000  # [ns]
+BOTH = {1: "/ppc_controller", 2: "/ppc_controller"}
 
 
 def numbers(begin: int) -> Iterator[tuple[int, int]]:
@@ -39,6 +40,11 @@ def judged(*messages: tuple[int, int]) -> bool:
 def alternating(first: int, second: int, count: int) -> list[tuple[int, int]]:
     pairs = zip(numbers(first), numbers(second), strict=True)
     return [message for pair in pairs for message in pair][: 2 * count]
+
+
+def proved(publishers: Publishers, now: float, begin: int = 1) -> None:
+    for number, stamp in alternating(begin, begin, 30):
+        publishers.hear(number, stamp, now)
 
 
 def test_one_that_loses_messages_is_one() -> None:
@@ -97,19 +103,10 @@ def test_who_repeats_an_unanswered_state_lives(
 
 def test_who_has_ended_is_forgotten_but_what_was_is_not() -> None:
     publishers = Publishers()
-    for number, stamp in alternating(1, 1, 30):
-        publishers.hear(number, stamp, 1001.0)
+    proved(publishers, 1001.0)
     assert publishers.lasts(1002.0)
     assert not publishers.lasts(1010.0)
     assert publishers.several
-
-
-BOTH = {1: "/ppc_controller", 2: "/ppc_controller"}
-
-
-def proved(publishers: Publishers, now: float, begin: int = 1) -> None:
-    for number, stamp in alternating(begin, begin, 30):
-        publishers.hear(number, stamp, now)
 
 
 def test_both_are_named_though_one_has_left_and_though_the_graph_knew_no_name_at_first() -> None:

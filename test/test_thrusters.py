@@ -258,11 +258,9 @@ def test_what_thrusters_give_on_every_axis(seed: int) -> None:
         least_fuel(tuple(0.1 * certain * torque / np.abs(torque).max()), craft, on_time)
         longest = max(longest, float(on_time.max()))
     assert 0.09 < longest < 0.1 * (1.0 + 1e-9)
-    axes = record(**pushing(np.vstack([np.eye(3), -2.0 * np.eye(3)])))
-    assert THRUSTERS.torques(values(**pushing(np.vstack([np.eye(3), -2.0 * np.eye(3)])))) == (
-        pytest.approx((1.0, 2.0), rel=1e-12)
-    )
-    assert certain_torque(axes) == pytest.approx(1.0, rel=1e-12)
+    axes = pushing(np.vstack([np.eye(3), -2.0 * np.eye(3)]))
+    assert THRUSTERS.torques(values(**axes)) == pytest.approx((1.0, 2.0), rel=1e-12)
+    assert certain_torque(record(**axes)) == pytest.approx(1.0, rel=1e-12)
 
 
 def test_a_place_of_a_thruster_as_good_as_zero_is_zero() -> None:
