@@ -26,6 +26,7 @@ from estimation_helpers import Array, angles_between, suite
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.contract.topics import ESTIMATOR, NODE_OF, PLANT
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.part import Part
 from ppc_attitude.simulation.closed_loop import simulate, stamps_of
@@ -33,7 +34,6 @@ from ppc_attitude.simulation.diagram import selected
 from ppc_attitude.simulation.scenario import load
 
 ARCSEC = math.radians(1.0 / 3600.0)
-PLANT, CONTROLLER = "spacecraft_plant", "ppc_controller"
 
 
 def true_error(record: RunRecord) -> Array:
@@ -49,14 +49,9 @@ def test_parts_stepped_one_by_one_give_the_loops_bits(rate: float, overlay: str)
     given = case(f"sensors_{overlay}", rate=rate)
     stamps = stamps_of(rate, 2.0)
     expected = simulate(given, 2.0)
-    values: dict[str, Any] = {}
-    for name in ("applied_torque", "disturbance_torque"):
-        values[name] = [0.0, 0.0, 0.0]
-    nodes = {"estimators": "attitude_estimator", "controllers": CONTROLLER}
-    nodes |= {"references": "reference_generator", "environments": "disturbance_injector"}
-    nodes["disturbances"] = "disturbance_injector"
+    values: dict[str, Any] = dict.fromkeys(("applied_torque", "disturbance_torque"), [0.0] * 3)
     parts = [
-        Part(component, given.parameters[nodes.get(kind.name, PLANT)])
+        Part(component, given.parameters[NODE_OF[kind.name]])
         for kind, component in selected(given.parameters)
     ]
     repeated = {"gyro_star_tracker", "mekf"}
@@ -94,7 +89,7 @@ def test_the_record_has_what_was_measured_and_the_truth() -> None:
 
 
 def test_no_torque_until_the_first_estimate() -> None:
-    late = {node: {"initial_fix": False} for node in (PLANT, "attitude_estimator")}
+    late = {node: {"initial_fix": False} for node in (PLANT, ESTIMATOR)}
     record = simulate(load(configs("paper", "sensors_smallsat"), late), 0.5)
     columns = record.columns
     assert not columns["attitude"][:10].any()
@@ -109,7 +104,7 @@ def test_a_law_that_begins_with_a_late_first_fix_settles_as_much_later(dark: flo
     """Not down its table, where the paper's error could not follow."""
     begun = {"initial_fix": False}
     blind = {"star_tracker.blinding_times": [0.0], "star_tracker.blinding_durations": [dark - 0.1]}
-    late = {PLANT: {**begun, **(blind if dark > 0.1 else {})}, "attitude_estimator": begun}
+    late = {PLANT: {**begun, **(blind if dark > 0.1 else {})}, ESTIMATOR: begun}
     settled = []
     for given in ({}, late):
         error = true_error(simulate(load(configs("paper", "sensors_flagship"), given), 120.0))
