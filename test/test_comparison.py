@@ -133,16 +133,19 @@ def test_labels(controllers, sources, labels):
 
 
 def swept(durations, recovery, outside):
-    return list(map(SweptHit, durations, recovery, [{RATE: each} for each in outside]))
+    outsides = ({RATE: each} for each in outside)
+    return [
+        SweptHit(*each, settled=True) for each in zip(durations, recovery, outsides, strict=True)
+    ]
 
 
 def test_a_sweep_draws_each_envelope_that_a_hit_leaves_and_no_other():
     momentum = Envelope("momentum_error", "momentum_tube")
-    hits = [SweptHit(0.1, 1.0, {ATTITUDE: 0.5, momentum: 0.2})]
+    hits = [SweptHit(0.1, 1.0, {ATTITUDE: 0.5, momentum: 0.2}, settled=True)]
     _, bottom = sweep_figure(hits).axes
     assert bottom.get_ylabel() == "momentum error outside\nits envelope [s]"
     assert list(bottom.get_lines()[0].get_ydata()) == [0.2]
-    assert len(sweep_figure([SweptHit(0.1, 1.0, {ATTITUDE: 0.5})]).axes) == 1
+    assert len(sweep_figure([SweptHit(0.1, 1.0, {ATTITUDE: 0.5}, settled=True)]).axes) == 1
 
 
 def test_the_sweep(tmp_path):

@@ -48,6 +48,7 @@ from ppc_attitude.science.guarantee.assumptions import (
     parameters_of,
 )
 from ppc_attitude.science.guarantee.bounds import Bounds
+from ppc_attitude.science.guarantee.cells import COARSE
 from ppc_attitude.science.guarantee.certificate import Certificate, certify, differences
 from ppc_attitude.science.guarantee.design import Wishes, designed
 from ppc_attitude.science.guarantee.envelope import Envelope
@@ -108,6 +109,18 @@ class Intervals:
     def outward(self, x: Any) -> tuple[float, float]:
         low, high = float(iv.mpf(x).a), float(iv.mpf(x).b)
         return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
+
+
+@pytest.mark.parametrize("name", ["guaranteed", "guaranteed_quiet", "guaranteed_ahead"])
+def test_a_start_that_is_too_fast_to_cruise_settles_no_sooner_than_one_that_cruises(
+    name: str,
+) -> None:
+    """A promise for a rate holds for all that are slower; it integrates the fast start alone."""
+    values = case(name).parameters[CONTROLLER]
+    law = law_of(values)
+    envelope = Envelope(Bounds(assumptions_of(values), law, FLOATS, COARSE))
+    slow, fast = (envelope.settling(law.w_far * each, 5e-3) for each in (1.0 - 1e-9, 1.0 + 1e-9))
+    assert slow < fast < slow + 1.0
 
 
 @cache

@@ -181,7 +181,7 @@ class SweptHit(NamedTuple):
     duration_s: float
     recovery_time_s: float | None
     outside: Mapping[Envelope, float]
-    settled: bool = True
+    settled: bool
 
 
 def sweep_figure(hits: Sequence[SweptHit], required: Requirements = PAPER) -> Figure:

@@ -176,8 +176,7 @@ class Summary:
                     **tally.fraction.to_json(),
                     "not_judged": tally.not_judged,
                     "worst": [
-                        {"index": index, "value": value if math.isfinite(value) else None}
-                        for index, value in tally.worst_runs()
+                        {"index": index, "value": value} for index, value in tally.worst_runs()
                     ],
                 }
                 for name, tally in self.requirements()

@@ -48,7 +48,7 @@ GAINS: Mapping[str, tuple[str, ...]] = {
 """The parameters of each law that are searched; everything else stays as it is configured."""
 
 _WIDTH = 0.5  # of the first generation, in natural logarithms
-_MISSED = 30.0  # of a run that misses a requirement: more than all else that is counted
+_MISSED = 1e3  # of a run that misses a requirement: more than all else that is counted
 _NEAR = 0.95  # of a limit: from here on a run that meets it costs something
 _WORST = 1e6  # of a run that breaks
 
@@ -160,8 +160,8 @@ def tuned(
 def cost(verdict: Verdict | None) -> float:
     """Cost of a run: whether it misses a requirement, how near it is to each, its settling time.
 
-    How many are missed, and by how much, weighs less than that one is: a run that meets all but one
-    counts as little as any other that does not meet all.
+    The first outweighs the others: what is searched for is that as many runs as possible meet all,
+    and how far the others are from it only shows the way there.
     """
     if verdict is None:
         return _WORST

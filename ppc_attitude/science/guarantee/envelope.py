@@ -107,7 +107,7 @@ class Envelope:
             )
         half_turn = self._arithmetic.pi + number(self._assumed.lead)
         if not told <= number(self._law.w_far):
-            # It covers slower starts: a cruise from the same turn is as fast, as its σ ≥ r V.
+            # It covers starts that cruise: from the same turn they are no later, because σ ≥ r V.
             return self.near_time(half_turn, told, accuracy)
         near = self.near_time(number(self._law.far), told, accuracy)
         return max(self.far_time(half_turn, told, accuracy), near)

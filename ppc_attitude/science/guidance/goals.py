@@ -278,7 +278,7 @@ def plan_to(t: float, frame: int, attitude: Quaternion, guidance: Any, state: An
         if outcome == ACCEPTED:
             return ACCEPTED
         arrival = trial.end
-    changes = frame != INERTIAL or (guidance.cones.kind == EARTH).any()  # the Sun takes days
+    changes = frame != INERTIAL or (guidance.cones.kind == EARTH).any()  # the Sun hardly moves
     for ahead in (False, True):
         _aim(t, frame, attitude, trial, guidance, state)
         outcome = _detour(t, arrival, ahead, trial, motion, guidance, state)
