@@ -12,12 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From the last input to the torque command: the controller node beside a bare echo."""
+"""From the last input to the torque command: the controller node, a bare echo, a mere sleep."""
 
 import json
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -74,8 +75,19 @@ def echo_trips(rate: float, seconds: float) -> Array:
         return _probe(rate, seconds, environment)
 
 
+def sleeps(rate: float, seconds: float) -> Array:
+    """Return how late [s] a thread wakes that only sleeps: what the machine takes from any node."""
+    start = time.perf_counter()
+    late = np.empty(round(rate * seconds))
+    for step in range(late.size):
+        due = start + (step + 1) / rate
+        time.sleep(max(0.0, due - time.perf_counter()))
+        late[step] = time.perf_counter() - due
+    return late
+
+
 def measure(quick: bool) -> list[dict[str, Any]]:
-    """Measure ``latency``, one row for each rate; controller and echo in turns.
+    """Measure ``latency``, one row for each rate; controller, echo and sleep in turns.
 
     A last row is of the highest rate with a real-time priority, if this user may give one.
     """
@@ -87,10 +99,13 @@ def measure(quick: bool) -> list[dict[str, Any]]:
 
 
 def _row(rate: float, seconds: float, pairs: int, priority: int) -> dict[str, Any]:
-    turns = [(controller_trips(rate, seconds), echo_trips(rate, seconds)) for _ in range(pairs)]
-    ours, echo = (summary(np.concatenate(trips), rate) for trips in zip(*turns, strict=True))
-    others = {f"echo_{name}": value for name, value in echo.items()}
-    return {"rate": rate, "priority": priority, **ours, **others}
+    measures = (controller_trips, echo_trips, sleeps)
+    turns = [[measured(rate, seconds) for measured in measures] for _ in range(pairs)]
+    found = (summary(np.concatenate(trips), rate) for trips in zip(*turns, strict=True))
+    row: dict[str, float] = {"rate": rate, "priority": priority}
+    for prefix, figures in zip(("", "echo_", "sleep_"), found, strict=True):
+        row.update({f"{prefix}{name}": value for name, value in figures.items()})
+    return row
 
 
 @contextmanager

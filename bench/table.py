@@ -129,26 +129,23 @@ def _step_line(what: str, used: Figures) -> str:
 
 
 def _latency(found: Iterable[Figures]) -> str:
-    head = [
-        "rate [Hz]",
-        "priority",
-        *(f"controller {name} [µs]" for name in ("p50", "p99", "p99.9")),
-        "missed",
-        *(f"echo {name} [µs]" for name in ("p50", "p99", "p99.9")),
-        "missed",
-    ]
+    who = {"controller": "", "echo": "echo_", "sleep": "sleep_"}
+    columns = [f"{name} p50, p99, p99.9 [µs]" for name in who]
+    head = ["rate [Hz]", "priority", *(cell for name in columns for cell in (name, "missed"))]
     rows = [
         [
             number(each["rate"], 4),
             f"FIFO {each['priority']}" if each.get("priority") else "",
-            *(number(each[name]) for name in _PERCENTILES),
-            f"{each['missed']} of {each['sent']}",
-            *(number(each[f"echo_{name}"]) for name in _PERCENTILES),
-            f"{each['echo_missed']} of {each['echo_sent']}",
+            *(cell for prefix in who.values() for cell in _trips(each, prefix)),
         ]
         for each in found
     ]
     return markdown(head, rows)
+
+
+def _trips(each: Figures, prefix: str) -> tuple[str, str]:
+    percentiles = ", ".join(number(each[prefix + name]) for name in _PERCENTILES)
+    return percentiles, f"{each[f'{prefix}missed']} of {each[f'{prefix}sent']}"
 
 
 def _scaling(found: Iterable[Figures]) -> str:
