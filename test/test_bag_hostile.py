@@ -32,7 +32,7 @@ from synthetic import normal_run
 
 from ppc_attitude.analysis.drawing import save
 from ppc_attitude.analysis.page import write_page
-from ppc_attitude.bags.custom_data import PARAMETERS_KEY, decode_custom_data
+from ppc_attitude.bags.custom_data import PARAMETERS_KEY, decode_custom_data, read_run_info
 from ppc_attitude.bags.errors import BagError, printable
 from ppc_attitude.bags.export import export_csv, export_parquet
 from ppc_attitude.bags.reader import read_run
@@ -40,6 +40,7 @@ from ppc_attitude.bags.recover import recover
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.bags.sqlite_source import settle
 from ppc_attitude.bags.writer import BagWriter
+from ppc_attitude.science.errors import ConfigurationError
 
 RUN = normal_run(duration=1.0)
 
@@ -275,6 +276,21 @@ def test_a_parameter_that_no_node_can_have_is_left_out(value: str) -> None:
     assert facts.parameters == {"spacecraft_plant": {"mine": 1}}
     assert len(facts.flaws) == 2
     assert "its parameters of spacecraft_plant cannot be used: plant = " in facts.flaws[0]
+
+
+@pytest.mark.parametrize(
+    "inner",
+    [
+        '"samples": [1]',
+        '"samples": {"a": [[1]]}',
+        '"metadata": "a"',
+        '"parameters": {"a": 1}',
+        f'"parameters": {"[" * 3000}',
+    ],
+)
+def test_facts_for_the_recorder_have_the_types_that_it_relies_on(inner: str) -> None:
+    with pytest.raises(ConfigurationError, match=r"run_info: .* = .*; allowed: an object|not JSON"):
+        read_run_info(f"{{{inner}}}")
 
 
 STEERING = "\x1b]0;owned\x07\x1b[2J\u202e\x9b<script>alert(1)</script>"

@@ -30,6 +30,11 @@ METADATA_KEY = "ppc_attitude.metadata"
 RECOVERED_KEY = "ppc_attitude.recovered"  # why the recording was cut before it was recovered
 GAPS_KEY = "ppc_attitude.gaps"  # what the recorder knows to be incomplete
 UNKNOWN_CONTROLLER = "unknown"
+_RUN_INFO = (  # what a starter may tell, what that is of each node, and in words
+    ("samples", list, " with the list of topics of each node"),
+    ("parameters", dict, " with the object of parameters of each node"),
+    ("metadata", object, ""),
+)
 
 
 def custom_data_of(said: Any) -> dict[str, str]:
@@ -59,6 +64,30 @@ class RunFacts(NamedTuple):
     parameters: Mapping[str, Mapping[str, Any]]
     metadata: Mapping[str, str]
     flaws: tuple[str, ...]
+
+
+def read_run_info(text: str) -> dict[str, Any]:
+    """Return what the starter of a run tells its recorder; nothing if the text is empty.
+
+    Raises
+    ------
+    ConfigurationError
+        The text is not JSON, or something in it is of another type than the recorder relies on.
+    """
+    try:
+        content = parsed_json(text or "{}")
+    except ValueError as error:
+        raise ConfigurationError(f"run_info is not JSON: {error}") from None
+    if not isinstance(content, dict):
+        raise ConfigurationError(f"run_info = {content!r}; allowed: a JSON object")
+    for name, kind, of_each in _RUN_INFO:
+        nodes = content.get(name, {})
+        fits = isinstance(nodes, dict) and all(isinstance(each, kind) for each in nodes.values())
+        if fits and kind is list:
+            fits = all(isinstance(topic, str) for topics in nodes.values() for topic in topics)
+        if not fits:
+            raise ConfigurationError(f"run_info: {name} = {nodes!r}; allowed: an object{of_each}")
+    return content
 
 
 def encode_custom_data(

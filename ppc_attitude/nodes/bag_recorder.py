@@ -35,6 +35,7 @@ from ppc_attitude.bags.custom_data import (
     UNKNOWN_CONTROLLER,
     encode_custom_data,
     of_namespace,
+    read_run_info,
 )
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.writer import BagWriter, offered_qos
@@ -100,7 +101,7 @@ class BagRecorder(BaseNode):
 
     def __init__(self) -> None:
         super().__init__()
-        self._run_info = _run_info(self.parameters["run_info"])
+        self._run_info = read_run_info(self.parameters["run_info"])
         self._path = Path(self.parameters["bag"] or dated("bags"))
         try:
             self._writer = BagWriter(
@@ -134,8 +135,8 @@ class BagRecorder(BaseNode):
         self.get_logger().info(f"recording to {self._path}")
 
     def check(self, values: Mapping[str, Value]) -> None:
-        """See that the facts about the run are JSON, and that the namespaces can be some."""
-        _run_info(str(values["run_info"]))
+        """See that the facts about the run can be read, and that the namespaces can be some."""
+        read_run_info(str(values["run_info"]))
         if not values["namespaces"]:
             raise ConfigurationError("namespaces = []; allowed: at least one, '' is the own one")
         for namespace in cast(list[str], values["namespaces"]):
@@ -377,18 +378,6 @@ class BagRecorder(BaseNode):
 def _states_in(namespace: str) -> str:
     """Name of the states' topic in a namespace; an empty one is the recorder's own."""
     return f"{namespace.rstrip('/')}/{ATTITUDE.name}" if namespace else ATTITUDE.name
-
-
-def _run_info(text: str) -> dict[str, Any]:
-    if not text:
-        return {}
-    try:
-        content = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise ConfigurationError(f"run_info is not JSON: {error}") from None
-    if not isinstance(content, dict):
-        raise ConfigurationError("run_info must be a JSON object")
-    return content
 
 
 def main() -> int:
