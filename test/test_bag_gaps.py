@@ -304,6 +304,14 @@ def test_every_time_that_a_node_began_anew_is_read(tmp_path: Path) -> None:
     assert read.changes == (Change(stamps[0], CONTROLLER, "k", 0.7), *anew)
 
 
+def test_a_change_to_what_no_node_can_have_is_left_out(tmp_path: Path) -> None:
+    sequence = [*messages(RUN), *told(20_000_000, "k", "fast"), *told(30_000_000, "eta", 0.3)]
+    read = read_run(write_messages(tmp_path / "bag", sequence, run=RUN))
+    assert [change.name for change in read.changes] == ["eta"]
+    (warning,) = read.warnings
+    assert warning.startswith(f"its parameters of {CONTROLLER} cannot be used: k = 'fast'; allowed")
+
+
 def test_undecodable_messages_are_counted(tmp_path: Path) -> None:
     sequence = list(messages(RUN))
     places = [place for place, (topic, _, _) in enumerate(sequence) if topic == ATTITUDE]

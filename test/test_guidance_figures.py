@@ -251,3 +251,19 @@ def test_a_run_without_goals_has_none_of_them() -> None:
     record = simulate(scenario({"spacecraft_plant": {"rate": 20.0}}), 1.0)
     assert flight_of(record) is None
     assert not OWN & set(figures_of(Measured(record)))
+
+
+def test_guidance_that_nobody_could_fly_is_told_beside_the_rest_of_a_verdict(
+    record: RunRecord,
+) -> None:
+    impossible = {**record.parameters[REFERENCE], "goals.times": [1.0]}
+    lacking = replace(record, parameters={**record.parameters, REFERENCE: impossible})
+    rows = {row.key: row for row in Verdict(lacking).requirements}
+    for key in ("refused_orders", "keep_out"):
+        assert rows[key].met is None
+        assert rows[key].reason.startswith("goals.frames has 3 values; allowed: 1")
+    assert rows["lost_messages"].met
+    assert not OWN & set(figures_of(Measured(lacking)))
+    told = replay(lacking)
+    assert any(each.startswith("goal: goals.frames has 3 values") for each in told.left_out)
+    assert told.law is not None

@@ -31,6 +31,7 @@ from ppc_attitude.analysis.verdict import Requirement
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import ATTITUDE, ENABLED, REFERENCE
 from ppc_attitude.science.attitude import rotate
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.goals import ACCEPTED
 from ppc_attitude.science.guidance.orders import GOAL_TIMES
 from ppc_attitude.science.guidance.scene import Cone, scene_at
@@ -186,21 +187,18 @@ def pointed(attitudes: Array, axis: Any) -> Array:
 
 
 def judge_orders(run: Measured) -> Iterator[Requirement]:
-    """Judge that every order was followed: a refused one leaves the reference where it was.
-
-    Raises
-    ------
-    ConfigurationError
-        The parameters on record are infeasible.
-    """
+    """Judge that every order was followed: a refused one leaves the reference where it was."""
     obeyed = refused = 0
-    reason, flown = "", None
-    for _, part, _ in _flown(run.record, 1):
-        if part is not flown:
-            flown, before = part, (obeyed, refused)
-        state = part.state[0]
-        obeyed, refused = before[0] + int(state["obeyed"]), before[1] + int(state["refused"])
-        if refused and not reason and state["outcome"] != ACCEPTED:  # of the last one of an instant
-            reason = part.advice.text
-    if obeyed:
-        yield run.row("refused_orders", float(refused), 0.0, note=reason)
+    reason, why, flown = "", "", None
+    try:
+        for _, part, _ in _flown(run.record, 1):
+            if part is not flown:
+                flown, before = part, (obeyed, refused)
+            state = part.state[0]
+            obeyed, refused = before[0] + int(state["obeyed"]), before[1] + int(state["refused"])
+            if refused and not reason and state["outcome"] != ACCEPTED:  # the last of an instant
+                reason = part.advice.text
+    except ConfigurationError as error:  # somebody's bag
+        why = str(error)
+    if obeyed or why:
+        yield run.row("refused_orders", float(refused), 0.0, why=why, note=reason)

@@ -18,6 +18,7 @@ Who draws one raises AnalysisError where the record lacks what it shows; then th
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import partial
 from itertools import cycle, islice
 from typing import Any
@@ -49,6 +50,7 @@ from ppc_attitude.analysis.series import AnalysisError, samples, vectors, zero_n
 from ppc_attitude.analysis.truth import errors_of
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import REFERENCE_ACCELERATION, REFERENCE_ATTITUDE, REFERENCE_RATE
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.cones import HALF_ANGLES
 from ppc_attitude.science.guidance.scene import Cone
 from ppc_attitude.science.keep_out import perpendicular
@@ -63,7 +65,9 @@ Drawing = tuple[str, str, Callable[[Measured], Figure]]
 
 def guidance_drawings(record: RunRecord) -> Iterator[Drawing]:
     """Name, caption and drawer of each figure of guidance; none if the run had none."""
-    flight = flight_of(record)
+    flight = None
+    with suppress(ConfigurationError):  # the verdict says why nothing can be told of it
+        flight = flight_of(record)
     if flight is None:
         return
     yield "slews", "Way to the goals: angle left, rate, acceleration", partial(slews, flight=flight)

@@ -25,6 +25,7 @@ from ppc_attitude.analysis.truth import truth_of
 from ppc_attitude.analysis.verdict import Requirement
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import REFERENCE
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.cones import (
     CONE_PARAMETERS,
     DIRECTIONS,
@@ -77,6 +78,8 @@ def angles_to_cones(record: RunRecord, column: str, values: Mapping[str, Any]) -
     ------
     AnalysisError
         As of `samples`.
+    ConfigurationError
+        The parameters are infeasible.
     """
     attitudes = samples(record, column)
     configuration, *_kept = goal.configure(values)
@@ -106,8 +109,11 @@ def approaches_of(record: RunRecord) -> list[Approach]:
 
 def judge_cones(run: Measured) -> Iterator[Requirement]:
     """Judge how far the craft came into its worst keep-out cone; negative: it stayed out."""
-    approaches = approaches_of(run.record)
     why = run.changed(REFERENCE, *(each.name for each in CONE_PARAMETERS))
+    try:
+        approaches = approaches_of(run.record)
+    except ConfigurationError as error:  # somebody's bag
+        approaches, why = [], str(error)
     if approaches:
         worst = max(approaches, key=lambda each: each.half_angle - each.angle)
         angle, half_angle = np.rad2deg([worst.angle, worst.half_angle])

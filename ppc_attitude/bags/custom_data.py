@@ -113,7 +113,7 @@ def decode_custom_data(custom_data: Mapping[str, str], namespace: str) -> RunFac
     flaws: list[str] = []
     told = _told(custom_data, PARAMETERS_KEY, dict, flaws)
     parameters = of_namespace({n: v for n, v in told.items() if isinstance(v, dict)}, namespace)
-    parameters = {node: _usable(node, values, flaws) for node, values in parameters.items()}
+    parameters = {node: usable(node, values, flaws) for node, values in parameters.items()}
     metadata = _told(custom_data, METADATA_KEY, dict, flaws)
     gaps = _told(custom_data, GAPS_KEY, list, flaws)
     flaws += [f"its recorder calls it incomplete: {gap}" for gap in gaps]
@@ -127,8 +127,8 @@ def decode_custom_data(custom_data: Mapping[str, str], namespace: str) -> RunFac
     )
 
 
-def _usable(node: str, values: Mapping[str, Any], flaws: list[str]) -> dict[str, Any]:
-    """Parameters of a node, of those that we know only such as the node could have."""
+def usable(node: str, values: Mapping[str, Any], flaws: list[str]) -> dict[str, Any]:
+    """Return parameters of a node, of those that we know only such as the node could have."""
     usable = dict(values)
     for known in PARAMETERS.get(node, ()):
         try:

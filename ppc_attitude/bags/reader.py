@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from ppc_attitude.bags.collected import Collected, readings
-from ppc_attitude.bags.custom_data import RECOVERED_KEY, decode_custom_data
+from ppc_attitude.bags.custom_data import RECOVERED_KEY, decode_custom_data, usable
 from ppc_attitude.bags.errors import BagError, printable
 from ppc_attitude.bags.folder import Bag
 from ppc_attitude.bags.timeline import Timeline, align
@@ -145,7 +145,8 @@ def _collect(
 
 def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -> RunRecord:
     series, changes = collected.series(home, bag.topics), collected.changes(home)
-    facts = decode_custom_data(bag.custom_data, home)
+    facts, flaws = decode_custom_data(bag.custom_data, home), list[str]()
+    changes = [c for c in changes if usable(c[1].node, {c[1].name: c[1].value}, flaws)]
     if not series:
         raise BagError(f"{bag.path} has no message that can be used{_flaws(bag)}")
     lacking = _lacking(bag, home, series, facts.parameters)
@@ -165,7 +166,7 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
     in_flight.sort(key=attrgetter("stamp_ns"))
     announced = (topic.name for topic in lacking if f"{home}/{topic.name}" in bag.topics)
     empty = dict.fromkeys(announced, len(timeline.stamps))
-    warnings = [*facts.flaws, *collected.warnings(home), *timeline.warnings]
+    warnings = [*facts.flaws, *flaws, *collected.warnings(home), *timeline.warnings]
     if lacking:
         warnings.append(f"the bag {lacks}")
     if unknown := not_installed(parameters):

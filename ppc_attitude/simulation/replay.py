@@ -153,10 +153,14 @@ def _others(record: RunRecord) -> tuple[tuple[Difference, ...], tuple[str, ...]]
                 compared.remove(ENVIRONMENT_TORQUE)
             if ENVIRONMENT_TORQUE in component.inputs or not compared:
                 continue
-            if why := _unplayable(record, kind, component, compared):
+            why = _unplayable(record, kind, component, compared)
+            try:
+                if not why:
+                    replayed.append(_replayed(record, kind, component, compared))
+            except ConfigurationError as error:  # somebody's bag
+                why = str(error)
+            if why:
                 left_out.append(f"{component.name}: {why}")
-            else:
-                replayed.append(_replayed(record, kind, component, compared))
     return tuple(replayed), tuple(left_out)
 
 
