@@ -255,6 +255,17 @@ def test_a_chart_has_the_envelopes_by_name_the_limits_of_the_drawing_and_no_mark
     assert len(whole["lines"]) == len(enlarged["lines"]) == 3
 
 
+@pytest.mark.filterwarnings("error")
+def test_the_replay_shows_no_attitude_where_none_is_known():
+    attitude = normal_run(10.0)["attitude"].copy()
+    attitude[:3, 1] = np.nan, np.inf, 1e300
+    run = with_columns(normal_run(10.0), attitude=attitude)
+    data = json.loads(re.search(r"json\">(.*)</script>", replay(Measured(run, PAPER)))[1])
+    shown = np.frombuffer(base64.b64decode(data["columns"]["attitude"]), "<f4").reshape(-1, 4)
+    assert not shown[:3].any()
+    assert shown[3:].any(axis=1).all()
+
+
 def test_the_replay_has_the_true_attitude_and_the_reference():
     run = normal_run(20.0)
     data = json.loads(re.search(r"json\">(.*)</script>", replay(Measured(run, PAPER)))[1])

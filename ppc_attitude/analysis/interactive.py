@@ -28,7 +28,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.series import has
+from ppc_attitude.analysis.series import has, is_finite
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import APPLIED_TORQUE, REFERENCE_ATTITUDE
 
@@ -76,7 +76,9 @@ def replay(run: Measured) -> str:
         {
             "t": _packed(run.t[::step]),
             "columns": {
-                name: _packed(np.nan_to_num(run.record[column][::step]))
+                name: _packed(
+                    np.where(is_finite(run.record, column), run.record[column].T, 0.0).T[::step]
+                )
                 for name, column in columns.items()
             },
             "torque_limit": run.torque_limit,

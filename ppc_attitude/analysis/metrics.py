@@ -45,9 +45,9 @@ verdict says why. T is the settling deadline and R the time allowed for a recove
   limit that the requirements set, or within what the configured noise explains.
 - *Filter*: the share of knowledge errors outside the filter's own 3σ, the mean of its squared
   innovations, and the good fixes it refused (`filter_health`).
-- *Messages missing or not finite*: those missing, those that carry a NaN or an infinity, and an
-  attitude of zeros where it is desired or what the run is judged by. Such samples are skipped
-  everywhere else.
+- *Messages missing or not finite*: those missing, those that carry a NaN, an infinity or a
+  number beyond any craft's (1e30), and an attitude of zeros where it is desired or what the run is
+  judged by. Such samples are skipped everywhere else.
 """
 
 from collections.abc import Iterator

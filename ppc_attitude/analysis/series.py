@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.run_record import Array, RunRecord, is_steady
 from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.science.parameter import LARGEST
 from ppc_attitude.science.stamps import LATEST, NANOSECONDS
 
 Mask = NDArray[np.bool_]
@@ -164,9 +165,12 @@ def take_for_finite(record: RunRecord, columns: Iterable[str]) -> None:
 
 
 def finite(rows: Array) -> Mask:
-    """Which rows, of shape (n, width), are finite throughout; shape (n,)."""
+    """Which rows, of shape (n, width), are finite throughout; shape (n,).
+
+    A number beyond any craft's is as good as none: its square overflows.
+    """
     # No product of vectors instead: BLAS starts threads for it, which fight those of other workers.
-    known = np.isfinite(rows.T)
+    known = np.abs(rows.T) <= LARGEST
     if known.all():
         return np.ones(len(rows), np.bool_)
     # Column by column: a reduction along so short an axis costs six times as much.
