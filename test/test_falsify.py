@@ -89,8 +89,10 @@ def test_an_interrupted_search_goes_on_to_the_same_result(
 ) -> None:
     space = space_of(duration=5.0)
     whole = search(space, tmp_path / "whole", 60)
-    search(space, tmp_path / "cut", 20)
     file = tmp_path / "cut" / HISTORY
+    file.parent.mkdir()
+    file.write_text((tmp_path / "whole" / HISTORY).read_text()[:30])  # cut in its first line
+    search(space, file.parent, 20)
     file.write_text(file.read_text() + "[0.1, 0.2")  # a line that an interruption cut
     monkeypatch.delattr(Path, "write_text")  # the history is empty while it is written anew
     resumed = search(space, tmp_path / "cut", 60)

@@ -101,10 +101,10 @@ class Search:
             yield file
 
     def _read(self) -> list[list[float]]:
-        """Answers of earlier sessions; of a last line that was cut, none."""
-        text = self._file.read_text(encoding="utf-8")
-        if not text:
-            self._file.write_text(json.dumps({"search": self._digest}) + "\n", encoding="utf-8")
+        """Answers of earlier sessions; of a line that was cut, none."""
+        text, first = self._file.read_text(encoding="utf-8"), json.dumps({"search": self._digest})
+        if first.startswith(text):
+            self._file.write_text(f"{first}\n", encoding="utf-8")
             return []
         whole, _, _ = text.rpartition("\n")
         lines = whole.split("\n")
