@@ -36,7 +36,7 @@ from ppc_attitude.command_line.guarantee_view import (
     stored_certificate,
 )
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
-from ppc_attitude.processes.exits import BAD_INPUT
+from ppc_attitude.processes.exits import REQUIREMENT_FAILED
 from ppc_attitude.science.controllers.tube_parameters import CERTIFICATE, digest_of
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee.arithmetic import FLOATS, Arithmetic, balls
@@ -255,16 +255,23 @@ def test_what_is_no_certificate_is_refused_by_name(tmp_path: Path, text: str) ->
         stored_certificate([path])
 
 
-@pytest.mark.parametrize("values", [{"k": 1e-9}, {"z_bar": 1e6}])
-def test_numbers_out_of_proportion_are_not_told_to_be_too_high_gains(
+@pytest.mark.parametrize("values", [{"k": 1e-9}, {"z_bar": 1e6}, {"assumed.W": 1e3}])
+def test_of_numbers_out_of_proportion_nothing_is_guaranteed_and_the_rest_is_checked(
     tmp_path: Path, ask: Ask, values: dict[str, float]
 ) -> None:
+    """The law flies with them, so they are no mistake that ends the command."""
     law = {f"momentum_tube.{name}": value for name, value in values.items()}
     files = [*configs("paper", "guaranteed"), overlay(tmp_path / "law.yaml", {CONTROLLER: law})]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        err = ask("check", *(f"--config={file}" for file in files), code=BAD_INPUT).err
-    assert "such as k, kappa, h and z_bar are out of proportion" in err
+        words = ("check", *(f"--config={file}" for file in files))
+        out = ask(*words, code=REQUIREMENT_FAILED).out
+        page = json.loads(ask(*words, "--json", code=REQUIREMENT_FAILED).out)
+    assert "initial attitude error" in out
+    assert "nothing is guaranteed:\n  the certificate does not apply: " in out
+    assert not page["guaranteed"]
+    why = "h and z_bar are out of proportion|allowed: above W .* with W = 1000 rad/s"
+    assert re.search(why, page["doubts"][0])
 
 
 def test_a_gain_whose_square_is_zero_is_refused() -> None:

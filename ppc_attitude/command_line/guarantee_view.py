@@ -28,7 +28,7 @@ from ppc_attitude.command_line.options import paragraph
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.contract.yaml_file import LARGEST, parsed_json
-from ppc_attitude.science.controllers.tube_parameters import CERTIFICATE, LAW_AHEAD
+from ppc_attitude.science.controllers.tube_parameters import CERTIFICATE, LAW_AHEAD, digest_of
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee.arithmetic import balls
 from ppc_attitude.science.guarantee.assumptions import Assumptions, assumptions_of, law_of
@@ -141,7 +141,7 @@ class Judgement:
     Raises
     ------
     ValueError
-        Nothing can be evaluated, or the stored certificate cannot be read.
+        python-flint is missing, or the stored certificate cannot be read.
     """
 
     def __init__(self, scenario: Scenario, configurations: Sequence[Path]) -> None:
@@ -150,7 +150,13 @@ class Judgement:
         stored = stored_certificate(configurations)
         accuracy = stored["accuracy"] if stored else ACCURACY
         promised = [each["rate"] for each in stored["promises"]] if stored else []
-        self.certificate = certify(values, accuracy, sorted({*RATES, *promised}))
+        self.doubts, arithmetic = list[str](), balls()
+        try:
+            rates = sorted({*RATES, *promised})
+            self.certificate = certify(values, accuracy, rates, arithmetic)
+        except ValueError as error:  # the law flies with these numbers; only nothing is promised
+            self.certificate = Certificate(digest_of(values), accuracy, (), (), math.inf)
+            self.doubts.append(str(error))
         self._assumed, self._law = assumptions_of(values), law_of(values)
         nodes = nodes_around(scenario.parameters)
         duration = scenario.number(PLANT, "duration")
@@ -162,7 +168,7 @@ class Judgement:
             *longer_ramps(self._law, nodes),
             *suspensions(self._assumed, nodes, duration),
         ]
-        self.doubts = differences(stored, self.certificate) if stored else []
+        self.doubts += differences(stored, self.certificate) if stored else []
         digest = values[CERTIFICATE.name]
         if digest and digest != self.certificate.digest:
             self.doubts.append(f"{CERTIFICATE.name} is the digest of other numbers")
