@@ -78,6 +78,8 @@ def test_the_answer_tells_what_acts_from_state_to_state() -> None:
         injector.accept(0.153, 0.005)
     with pytest.raises(RefusedError, match=r"from 0\.333333333 s on"):  # no digit is lost
         Injections().accept(TORQUE, 333_333_334, 0.1, LIMIT, 0, 333_333_333)
+    gap = Injections().accept(TORQUE, 103_000_000, 0.02, LIMIT, None, 10_000_000)
+    assert gap.endswith("from t = 0.103000 s to 0.123000 s")  # nobody knows the stamps to come
     injector.runs(30)
     assert injector.steps() == [7, 11, 12, 20]
     assert injector.injections.accepted == 3

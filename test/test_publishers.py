@@ -37,13 +37,13 @@ def judged(*messages: tuple[int, int]) -> bool:
     return publishers.several
 
 
-def alternating(first: int, second: int, count: int) -> list[tuple[int, int]]:
-    pairs = zip(numbers(first), numbers(second), strict=True)
-    return [message for pair in pairs for message in pair][: 2 * count]
+def alternating(*begin: int) -> list[tuple[int, int]]:
+    turns = zip(*map(numbers, begin), strict=True)
+    return [message for turn in turns for message in turn][: 30 * len(begin)]
 
 
 def proved(publishers: Publishers, now: float, begin: int = 1) -> None:
-    for number, stamp in alternating(begin, begin, 30):
+    for number, stamp in alternating(begin, begin):
         publishers.hear(number, stamp, now)
 
 
@@ -52,21 +52,26 @@ def test_one_that_loses_messages_is_one() -> None:
 
 
 def test_a_restarted_one_is_one_again_and_again() -> None:
-    assert not judged(*(list(numbers(1))[:500] * 20))
+    lives = list(numbers(1))
+    assert not judged(*(lives[:500] * 20))
+    assert not judged(*lives[:100], *lives[:50], lives[100])  # what the one before sent comes late
 
 
-def test_two_in_turns_are_two_wherever_they_began_to_count() -> None:
-    assert judged(*alternating(1, 1, 30))
-    assert judged(*alternating(5000, 1, 30))
-    assert judged(*alternating(1, 5000, 30))
+@pytest.mark.parametrize("begin", [(1, 1), (5000, 1), (1, 5000), (1, 400, 300)])
+def test_several_in_turns_are_several_wherever_they_began_to_count(begin: tuple[int, ...]) -> None:
+    assert judged(*alternating(*begin))
 
 
-@pytest.mark.parametrize(("ours", "theirs"), [(13, 5), (1, 40), (100, 100)])
-def test_two_that_speak_in_bursts_are_two(ours: int, theirs: int) -> None:
-    first, second = numbers(300), numbers(1)
+@pytest.mark.parametrize(
+    ("ours", "theirs", "each"), [(13, 5, 1), (1, 40, 1), (100, 100, 1), (1, 40, 3)]
+)
+def test_two_that_speak_in_bursts_are_two(ours: int, theirs: int, each: int) -> None:
+    """Also where each third message alone is not lost."""
+    first, second = numbers(5000), numbers(1)
     messages = []
     for _ in range(12):
-        messages += [next(first) for _ in range(ours)] + [next(second) for _ in range(theirs)]
+        messages += [next(first) for _ in range(ours)]
+        messages += [next(second) for _ in range(theirs)][::each]
     assert judged(*messages)
 
 
@@ -86,6 +91,8 @@ def test_bad_messages_and_single_ones_make_no_publisher() -> None:
     [
         pytest.param(5, 0, 1.0, True, id="as a plant in lock-step whose peers follow another"),
         pytest.param(5, 0, 0.01, False, id="a flood of copies"),
+        pytest.param(5, 100, 0.01, True, id="at 1 Hz"),
+        pytest.param(5, 101, 0.01, False, id="stamps that leap"),
         pytest.param(40, -1, 1.0, False, id="stamps that go back"),
         pytest.param(-1, 0, 1.0, False, id="messages that cannot be used"),
     ],
@@ -103,9 +110,10 @@ def test_who_repeats_an_unanswered_state_lives(
 
 def test_who_has_ended_is_forgotten_but_what_was_is_not() -> None:
     publishers = Publishers()
-    proved(publishers, 1001.0)
-    assert publishers.lasts(1002.0)
-    assert not publishers.lasts(1010.0)
+    for now, begin in ((1001.0, 1), (1008.0, 31)):
+        proved(publishers, now, begin)
+        assert publishers.lasts(now + 4.0)
+    assert not publishers.lasts(1017.0)
     assert publishers.several
 
 

@@ -86,8 +86,7 @@ class Publishers:
         repeats = stamp_ns == before and now - speaker.at >= _REPEATS
         advances = before >= 0 and (0 < stamp_ns - before <= _LARGEST_STEP or repeats)
         if turned:
-            if advances:
-                self._prove(min(speaker.stretch, known[1].stretch, _MOST_AT_ONCE), now)
+            self._prove(min(speaker.stretch, known[1].stretch, _MOST_AT_ONCE), now)
             speaker.stretch = 0
         speaker.stretch += advances
         speaker.number, speaker.stamp_ns, speaker.at = number, stamp_ns, now
@@ -106,11 +105,10 @@ class Publishers:
         return False
 
     def _prove(self, messages: int, now: float) -> None:
-        if messages:
-            if not self.several:
-                self._proved_at = now
-            self._proof += messages
-            self._last_proof = now
+        if not self.several:
+            self._proved_at = now
+        self._proof += messages
+        self._last_proof = now
 
     @property
     def several(self) -> bool:
