@@ -159,6 +159,7 @@ def test_what_is_said_is_what_is_bound(
         ({DOMAIN: "-1"}, "ROS_DOMAIN_ID = '-1'; allowed: 0 to 232"),
         ({DOMAIN: "233"}, "ROS_DOMAIN_ID = '233'; allowed: 0 to 232"),
         ({DOMAIN: "7x"}, "ROS_DOMAIN_ID = '7x'"),
+        ({DOMAIN: "010"}, "ROS_DOMAIN_ID = '010'; allowed: 0 to 232, without leading zeros"),
         ({DOMAIN: "9" * 5000}, "ROS_DOMAIN_ID = '9999"),
         ({DOMAIN: "²"}, "ROS_DOMAIN_ID = '²'"),
         ({PEERS: "127.0.0.1;no.such.invalid"}, "ROS_STATIC_PEERS: 'no.such.invalid'"),

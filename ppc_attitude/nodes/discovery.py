@@ -65,8 +65,11 @@ def check_discovery(environment: Mapping[str, str]) -> None:
     if chosen and chosen not in _ALLOWED:
         raise ConfigurationError(f"{RANGE} = {chosen!r}; allowed: {allowed}")
     domain = environment.get(DOMAIN, "") or "0"
-    if not (re.fullmatch("0*[0-9]{1,3}", domain) and int(domain) <= _LAST_DOMAIN):
-        raise ConfigurationError(f"{DOMAIN} = {domain!r}; allowed: 0 to {_LAST_DOMAIN}")
+    # ROS reads a number that begins with 0 as octal.
+    if not (re.fullmatch("0|[1-9][0-9]{0,2}", domain) and int(domain) <= _LAST_DOMAIN):
+        raise ConfigurationError(
+            f"{DOMAIN} = {domain!r}; allowed: 0 to {_LAST_DOMAIN}, without leading zeros"
+        )
     for peer in _peers(environment):
         try:
             socket.getaddrinfo(peer, None)
