@@ -275,6 +275,14 @@ def test_a_process_that_does_not_end_is_given_up() -> None:
     child.kill()
 
 
+def test_a_copy_is_killed_though_it_leads_no_group_yet(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ppc_attitude.processes.child, "can_copy", lambda: True)
+    monkeypatch.setattr(os, "setsid", lambda: time.sleep(20.0))
+    child = Child("signal", copy=True)
+    child.kill()
+    assert child.process.poll() == -signal.SIGKILL
+
+
 def test_a_process_that_hangs_says_where(tmp_path: Path) -> None:
     reached, said = tmp_path / "reached", list[str]()
     (tmp_path / "hangs.py").write_text(

@@ -164,6 +164,7 @@ class Child:
 
     def kill(self) -> None:
         """Kill it and all that it has started."""
+        self.process.send_signal(signal.SIGKILL)  # a copy that has just begun leads no group yet
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.process.pid, signal.SIGKILL)
         with contextlib.suppress(subprocess.TimeoutExpired):
