@@ -175,7 +175,7 @@ def test_an_mcap_file_says_alone_what_rosbag2_would_write_into_it(tmp_path: Path
     for name, channel in channels.items():
         assert set(channel.metadata) == {"offered_qos_profiles", "topic_type_hash"}
         profiles = yaml.safe_load(channel.metadata["offered_qos_profiles"])
-        assert profiles == topics[name]["offered_qos_profiles"]
+        assert profiles == topics[name]["offered_qos_profiles"] != []
         assert channel.metadata["topic_type_hash"] == topics[name]["type_description_hash"]
         assert channel.message_encoding == topics[name]["serialization_format"]
         assert summary.schemas[channel.schema_id].name == topics[name]["type"]

@@ -14,12 +14,15 @@
 
 """Reading runs: other people's bags, faults of every kind, cut files."""
 
+import os
 import shutil
 import struct
 import tempfile
 from dataclasses import replace
+from errno import ENOLCK
 from pathlib import Path
 
+import numpy as np
 import pytest
 from bag_helpers import (
     assert_prefix,
@@ -40,6 +43,7 @@ from ppc_attitude.bags.folder import Bag
 from ppc_attitude.bags.reader import read_run, read_runs
 from ppc_attitude.bags.recover import recover
 from ppc_attitude.bags.run_writer import write_run
+from ppc_attitude.bags.storage import KillSafeWriter
 from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import ATTITUDE, PLANT, TORQUE_COMMAND
@@ -89,17 +93,43 @@ def test_of_a_compressed_file_no_copy_outlasts_a_kill_and_none_is_named(
         read_run(bag)
 
 
-@pytest.mark.parametrize("amid", ["add_topic", "write"])
+@pytest.mark.parametrize(
+    ("amid", "step"), [(BagWriter, "add_topic"), (BagWriter, "write"), (KillSafeWriter, "close")]
+)
 def test_an_end_while_a_run_is_written_leaves_no_half_of_it(
-    tmp_path: Path, storage: str, monkeypatch: pytest.MonkeyPatch, amid: str
+    tmp_path: Path, storage: str, monkeypatch: pytest.MonkeyPatch, amid: type, step: str
 ) -> None:
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(BagWriter, amid, interrupted)
+    monkeypatch.setattr(amid, step, interrupted)
     with pytest.raises(KeyboardInterrupt):
         write_run(RUN, tmp_path / "bag", storage=storage)
     assert not list(tmp_path.iterdir())
+
+
+def test_only_a_sample_of_which_nothing_is_known_is_no_message(tmp_path: Path) -> None:
+    run = normal_run(duration=0.1)
+    run["torque_command"][3], run["torque_command"][5, 0] = np.nan, np.nan
+    write_run(run, tmp_path / "bag")
+    read = read_run(tmp_path / "bag")
+    assert_same(read, run)
+    assert read.missing == {"torque_command": 1}
+
+
+def test_where_nothing_can_be_locked_a_bag_is_read_and_none_is_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on some network file systems."""
+
+    def refuse(*_: object) -> None:
+        raise OSError(ENOLCK, os.strerror(ENOLCK))
+
+    write_run(RUN, tmp_path / "bag")
+    monkeypatch.setattr("fcntl.flock", refuse)
+    assert not read_run(tmp_path / "bag").warnings
+    with pytest.raises(BagError, match=f"cannot be made: {os.strerror(ENOLCK)}"):
+        BagWriter(tmp_path / "another")
 
 
 def test_a_storage_file_says_alone_what_the_bag_says_of_its_run(
