@@ -141,9 +141,14 @@ def test_rosbags_reads_every_message_with_its_definition(tmp_path: Path, storage
             JAZZY.deserialize_cdr(data, ATTITUDE.msgtype)
             for _, _, data in reader.messages([connections["/attitude"]])
         ]
+        clock = [
+            JAZZY.deserialize_cdr(data, "rosgraph_msgs/msg/Clock").clock
+            for _, _, data in reader.messages([connections["/clock"]])
+        ]
     values = [[getattr(message.quaternion, axis) for axis in "xyzw"] for message in read]
     np.testing.assert_array_equal(values, run["attitude"])
     assert {message.header.frame_id for message in read} == {"inertial"}
+    assert [each.sec * SECOND + each.nanosec for each in clock] == run.stamps_ns.tolist()
 
 
 def information_of(bag: Path) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
