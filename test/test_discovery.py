@@ -163,7 +163,7 @@ def test_what_is_said_is_what_is_bound(
         ({DOMAIN: "9" * 5000}, "ROS_DOMAIN_ID = '9999"),
         ({DOMAIN: "²"}, "ROS_DOMAIN_ID = '²'"),
         ({PEERS: "127.0.0.1;no.such.invalid"}, "ROS_STATIC_PEERS: 'no.such.invalid'"),
-        ({PEERS: "a b"}, "ROS_STATIC_PEERS: 'a b'"),
+        ({PEERS: "a..b"}, "ROS_STATIC_PEERS: 'a..b'"),
     ],
     ids=str,
 )
@@ -259,6 +259,14 @@ def test_a_domain_with_a_participant_is_not_chosen(place: int, ros_domain: int) 
         assert taken not in unused_domains()
         assert all(choose_domain() != taken for _ in range(500))
     assert taken in unused_domains()
+
+
+def test_where_no_sockets_are_told_any_domain_may_be_chosen(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As of UDP by IPv6 where Linux has none."""
+    monkeypatch.setattr("ppc_attitude.nodes.discovery._SOCKETS", (Path("/none"),))
+    assert unused_domains() == list(DOMAINS)
 
 
 ALONE_IN_THE_NET = ["unshare", "--net", "--map-root-user"]
