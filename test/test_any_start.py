@@ -202,6 +202,13 @@ def test_an_envelope_that_is_switched_in_flight_is_placed_anew() -> None:
     assert holds[2] > 30.0
 
 
+def test_a_start_outside_the_top_of_the_table_is_planned_for_once() -> None:
+    narrow = ANY_START.with_values("ppc_controller", **{"attitude_envelope.initial": 0.5})
+    diagram = Diagram(started(narrow, Rotation.from_rotvec([2.0, 0, 0]), np.zeros(3)).parameters)
+    diagram.run(stamps_of(100.0, 5.0))
+    assert diagram.parts[CONTROLLERS.name].advices == 1
+
+
 def test_the_envelope_falls_continuously_after_the_hold() -> None:
     plan = plan_of(150.0)
     end = plan["hold"] + 60.0 * plan["stretch"]

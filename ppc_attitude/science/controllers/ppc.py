@@ -71,7 +71,12 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.parameter import Parameter, filled, record_type
-from ppc_attitude.science.performance import SHAPE, widened_attitude_envelope, widened_rate_envelope
+from ppc_attitude.science.performance import (
+    SHAPE,
+    nominal,
+    widened_attitude_envelope,
+    widened_rate_envelope,
+)
 from ppc_attitude.science.virtual_control import virtual_control
 
 GAINS = (
@@ -312,7 +317,9 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     rho_q, rho_q_rate, rho_omega, rho_omega_rate = composite_envelopes(
         memory, gains, drive, attitude, rate
     )
-    if gains.auto != 0.0 and is_outside(q, rho_q):
+    # At the top of its table no plan is wider, and a plan takes longer than many a sample.
+    begun = attitude[0] < nominal(0.0, gains.attitude_shape)[0]
+    if gains.auto != 0.0 and begun and is_outside(q, rho_q):
         plan_envelopes(memory.plan, t, q_e, omega_e, gains)
         rate, attitude = carry_on(memory.plan, t, gains)
         rho_q, rho_q_rate, rho_omega, rho_omega_rate = composite_envelopes(
