@@ -99,7 +99,7 @@ class Injections:
         return text
 
     def _add(self, start_ns: int, duration: float, torque: tuple[float, ...]) -> None:
-        self.pulses.append(pulse(start_ns, duration, torque))
+        self.pulses.append(pulse(start_ns, start_ns + nanoseconds(duration), torque))
         self._changed = True
 
     def at(self, stamp_ns: int) -> bool:

@@ -29,7 +29,12 @@ from ppc_attitude.science.stamps import LATEST, nanoseconds
 
 TIMES = Parameter("pulse_times", [], "start of each scheduled pulse", "s", low=0.0, high=LATEST)
 DURATIONS = Parameter(
-    "pulse_durations", [], "duration of each scheduled pulse", "s", above=0.0, high=LATEST
+    "pulse_durations",
+    [],
+    "duration of each scheduled pulse; it acts from the first state in it to the first after it",
+    "s",
+    above=0.0,
+    high=LATEST,
 )
 TORQUES = Parameter(
     "pulse_torques",
@@ -48,9 +53,9 @@ PULSE = record_type(
 CONFIGURATION = record_type(("count", np.int64), ("address", np.uint64))
 
 
-def pulse(start_ns: int, duration: float, torque: Sequence[float]) -> NDArray[Any]:
-    """One pulse (array of dtype `PULSE`, length 1) from `start_ns` on, for `duration` [s]."""
-    return np.array([(start_ns, start_ns + nanoseconds(duration), tuple(torque))], PULSE)
+def pulse(start_ns: int, end_ns: int, torque: Sequence[float]) -> NDArray[Any]:
+    """One pulse, as an array of dtype `PULSE` of length 1."""
+    return np.array([(start_ns, end_ns, tuple(torque))], PULSE)
 
 
 def scheduled_pulses(values: Mapping[str, Any]) -> NDArray[Any]:
@@ -68,7 +73,8 @@ def scheduled_pulses(values: Mapping[str, Any]) -> NDArray[Any]:
             f"pulse_torques {len(torques)}; allowed: n, n and 3 n"
         )
     each = zip(times, durations, np.reshape(torques, (-1, 3)), strict=True)
-    parts = [pulse(nanoseconds(time), duration, torque) for time, duration, torque in each]
+    # The sum is rounded as stamps are: start and duration, each rounded, may end a nanosecond late.
+    parts = [pulse(nanoseconds(at), nanoseconds(at + time), torque) for at, time, torque in each]
     return np.concatenate([np.zeros(0, PULSE), *parts])
 
 
