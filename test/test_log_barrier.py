@@ -107,9 +107,10 @@ def test_after_a_hit_it_settles_outside_near_the_predicted_error() -> None:
 
 def test_it_never_divides_by_zero() -> None:
     gains = configured(log_barrier.COMPONENT)
-    for scalar in (0.0, -0.0, 1e-12):
+    turned = [(0.6, 0.64, 0.48, scalar) for scalar in (0.0, -0.0, 1e-12)]
+    for attitude in (*turned, (1.0, 0.0, 0.0, 0.0)):  # the last is on its envelope
         measurement, memory, command = records_of(log_barrier.COMPONENT)
-        measurement["attitude"] = (0.6, 0.64, 0.48, scalar)
+        measurement["attitude"] = attitude
         measurement["reference_attitude"] = (0.0, 0.0, 0.0, 1.0)
         log_barrier.step(measurement, memory, gains, command)
         assert np.isfinite(command["torque_command"]).all()

@@ -49,7 +49,6 @@ from ppc_attitude.science.kernel import (
     dot,
     kernel,
     matrix,
-    multiply,
     scale,
     store,
     subtract,
@@ -68,8 +67,10 @@ CONFIGURATION = record_type(
     *_OWN, D_M, MU, MAX_TORQUE, ("inertia", np.float64, (3, 3)), ("shape", SHAPE)
 )
 MEMORY = record_type(("started", np.float64), ("start", np.float64))
-# F_e⁻¹ is singular at q_e0 = 0; a reconstruction keeps that, but never divides by zero.
+# F_e⁻¹ is singular at q_e0 = 0 and χ at |q_i| = ρ_i; a reconstruction keeps that, but never divides
+# by zero.
 _SMALLEST_SCALAR = 1e-6
+_SMALLEST_ROOM = 1e-12  # of ρ_i² − q_i²
 
 
 def configure(values: Mapping[str, Any]) -> Any:
@@ -97,9 +98,15 @@ def inverse_jacobian(q: Vector, q0: float, a: Vector) -> Vector:
 
 
 @kernel
+def _room(rho: float, q: float) -> float:
+    room = rho * rho - q * q
+    return room if room != 0.0 else _SMALLEST_ROOM
+
+
+@kernel
 def log_barrier_force(q: Vector, rho: Vector) -> Vector:
     """χ_i = q_i / (ρ_i² − q_i²): the traditional barrier's gradient; it points outward outside."""
-    return divide(q, subtract(multiply(rho, rho), multiply(q, q)))
+    return divide(q, (_room(rho[0], q[0]), _room(rho[1], q[1]), _room(rho[2], q[2])))
 
 
 @kernel
