@@ -129,7 +129,7 @@ def decode_custom_data(custom_data: Mapping[str, str], namespace: str) -> RunFac
 
 def usable(node: str, values: Mapping[str, Any], flaws: list[str]) -> dict[str, Any]:
     """Return parameters of a node, of those that we know only such as the node could have."""
-    usable = dict(values)
+    left = dict(values)
     for known in PARAMETERS.get(node, ()):
         try:
             if known.name in values:
@@ -137,9 +137,9 @@ def usable(node: str, values: Mapping[str, Any], flaws: list[str]) -> dict[str, 
         except ConfigurationError as error:
             named = known.choices and not known.is_list and isinstance(values[known.name], str)
             if not named:  # else it may be a component that is not installed here
-                del usable[known.name]
+                del left[known.name]
                 flaws.append(f"its parameters of {node} cannot be used: {error}")
-    return usable
+    return left
 
 
 def of_namespace(nodes: Mapping[str, Any], namespace: str) -> dict[str, Any]:
