@@ -243,7 +243,8 @@ def test_a_copy_is_a_process_like_any_other(
     """Who has a thread cannot be copied, and starts another Python, to the same effect."""
     script = tmp_path / "becoming.py"
     script.write_text(BECOMING)
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "DONE_HERE": ""}
+    settings = {"PYTHONPATH": str(tmp_path), "PYTHONUNBUFFERED": "", "DONE_HERE": ""}
+    environment = {**os.environ, **settings}
     command = [sys.executable, "-c", STARTER, threads]
     with script.open() as given:  # the input of the copies is empty all the same
         process = start_process(command, env=environment, stdin=given)
@@ -306,6 +307,20 @@ def test_a_process_that_hangs_says_where(tmp_path: Path) -> None:
         )
     finally:
         child.kill()
+
+
+def test_all_that_a_process_says_is_heard_and_nothing_stays_open(tmp_path: Path) -> None:
+    """More than its pipe holds, with a byte that is no letter, and without an end of the line."""
+    (tmp_path / "says.py").write_text("import os\nos.write(2, 100_000 * b'caf\\xe9 ')")
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    said, files = list[str](), Path("/proc/self/fd")
+    before = len(list(files.iterdir()))
+    child = Child("says", environment=environment, hear=said.append)
+    assert child.ends(PATIENCE)
+    child.listen()
+    assert "".join(said) == 100_000 * "caf\ufffd "
+    del child
+    assert len(list(files.iterdir())) == before
 
 
 def test_waiting_for_the_processor_is_no_reason_to_be_given_up(
