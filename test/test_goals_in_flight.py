@@ -25,7 +25,7 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, Quaternion, Transform, Twist
+from geometry_msgs.msg import PoseStamped, Quaternion, Transform, Twist, Vector3
 from guidance_helpers import guided
 from peer import Beside
 from rclpy.node import Node
@@ -45,6 +45,7 @@ from ppc_attitude.contract.topics import (
     Topic,
 )
 from ppc_attitude.nodes.goto import Answer, _all_listen, go_to
+from ppc_attitude.nodes.guidance_desk import ASKED
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import published
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
@@ -176,6 +177,9 @@ def test_goals_and_hold_act_from_the_next_state_as_in_process(pilot: Pilot) -> N
     # Where a goal that moves has come to is told once a second, of others nothing is told again.
     assert said == [0.0, 2.0, 7.0, 8.0, *times[20:30]]
     status = pilot.hears("order 3 is followed: nadir frame")
+    # What was asked is told once when it acts; before, if that is later.
+    told = [entry.value for each in pilot.told for entry in each.values if entry.key == ASKED]
+    assert [asked.split()[0] for asked in told] == ["inertial", "nadir", "hold", "nadir"]
     assert status.level == DiagnosticStatus.OK
     assert {entry.key: entry.value for entry in status.values}["frame"] == "nadir"
 
@@ -219,15 +223,23 @@ def test_bad_goals_are_refused_and_the_present_one_goes_on(pilot: Pilot) -> None
     one = MultiDOFJointTrajectoryPoint(transforms=[Transform()])
     soon = MultiDOFJointTrajectoryPoint(transforms=[Transform()])
     soon.time_from_start.nanosec = 1
+    turning = MultiDOFJointTrajectoryPoint(transforms=[Transform()])
+    turning.accelerations = [Twist(angular=Vector3(x=1.0))]
+    turning.time_from_start.sec = 60
     for joints, body, reason in (
         (["wing"], [one, one], "joint_names = ['wing']; allowed: ['body']"),
         (["body"], [one], "a trajectory of 1 points; allowed: 2 to 40"),
         (["body"], [one, one], "times of the points are [0.0, 0.0]; allowed: finite and"),
         (["body"], [one, soon], "times of the points are [100000000.0, 100000000.0]; allowed"),
+        (["body"], [one, turning], "point 1 is in motion: "),
         (["body"], [empty, one], "point 0 has 0 transforms; allowed: 1"),
     ):
         pilot.give(GOAL_TRAJECTORY, MultiDOFJointTrajectory(joint_names=joints, points=body))
         assert pilot.hears(f"refused goal_trajectory: {reason}").level == DiagnosticStatus.WARN
+    elsewhere = MultiDOFJointTrajectory(joint_names=["body"], points=[one, one])
+    elsewhere.header.frame_id = "nadir"
+    pilot.give(GOAL_TRAJECTORY, elsewhere)
+    pilot.hears("refused goal_trajectory: frame_id = 'nadir'; allowed: 'inertial'")
     orders = [goal_order(nanoseconds(1.0), "inertial", GOAL)]
     assert pilot.state(6.0) == flown(orders, [0.0, 1.0, 6.0])[-1]
 
@@ -296,9 +308,11 @@ def test_a_goal_that_is_asked_for_again_before_it_acts_is_one(pilot: Pilot) -> N
     pilot.publishers[GOAL_POSE].publish(again)
     pilot.pose(NEAR)
     assert book.in_flight == 2
+    pilot.pose(NEAR, at=5.0)
+    assert book.in_flight == 3, "that is another one"
     pilot.state(0.01)
     pilot.pose(NEAR)
-    assert book.in_flight == 3, "the first one has acted"
+    assert book.in_flight == 4, "the first one has acted"
 
 
 def test_time_that_begins_again_forgets_the_goals(pilot: Pilot) -> None:
@@ -309,7 +323,8 @@ def test_time_that_begins_again_forgets_the_goals(pilot: Pilot) -> None:
     for topic in REFERENCE:
         pilot.heard[topic.name].clear()
     assert pilot.state(0.0) == [*START, *[0.0] * 6]
-    assert pilot.state(4.0) == [*START, *[0.0] * 6]
+    assert pilot.state(8.0) == [*START, *[0.0] * 6]
+    assert [each["goals.times"] for each in pilot.changes(2)] == [[4.0], []]
 
 
 def test_a_gap_of_the_states_forgets_no_goal(pilot: Pilot) -> None:
