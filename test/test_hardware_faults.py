@@ -121,7 +121,7 @@ def test_a_text_says_what_it_is_written_from(start: float, lasts: float | None, 
     fault = record["fault"][1]
     assert (fault["kind"], fault["part"], fault["value"][0]) == (How.BIAS, 1, x)
     assert fault["start_ns"] == round(start * 1e9)
-    end = np.iinfo(np.int64).max if lasts is None else round(start * 1e9) + round(lasts * 1e9)
+    end = np.iinfo(np.int64).max if lasts is None else round((start + lasts) * 1e9)
     assert fault["end_ns"] == end
 
 

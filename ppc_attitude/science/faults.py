@@ -31,7 +31,7 @@ from ppc_attitude.science.component import PART
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.parameter import Parameter, record_type
-from ppc_attitude.science.stamps import LATEST, nanoseconds
+from ppc_attitude.science.stamps import LATEST, nanoseconds, span
 
 MOST_FAULTS = 16
 _FOR_EVER = np.iinfo(np.int64).max
@@ -153,12 +153,10 @@ def fault_of(text: str, shortest: float = 0.0) -> Fault:
     if found is None:
         raise ConfigurationError(f"{FAULTS.name}: {text!r}; allowed: {_ORDER}")
     part, kind, numbers, since, duration = found.groups()
-    start_ns, end_ns = 0, _FOR_EVER
-    if since is not None:
-        start_ns = nanoseconds(_number(text, "from", since, 0.0, LATEST, "s"))
+    start = 0.0 if since is None else _number(text, "from", since, 0.0, LATEST, "s")
+    start_ns, end_ns = nanoseconds(start), _FOR_EVER
     if duration is not None:
-        lasts = _number(text, "for", duration, shortest, LATEST, "s")
-        end_ns = start_ns + nanoseconds(lasts)
+        end_ns = span(start, _number(text, "for", duration, shortest, LATEST, "s"))[1]
     return Fault(part, kind, tuple(numbers.split()), start_ns, end_ns)
 
 

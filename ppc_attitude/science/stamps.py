@@ -32,6 +32,12 @@ def nanoseconds(time: float) -> int:
     return round(time * float(NANOSECONDS))
 
 
+def span(start: float, duration: float) -> tuple[int, int]:
+    """First instant [ns] in a span that starts [s] and lasts [s], and first one after it."""
+    # The sum is rounded as stamps are: start and duration, each rounded, may end a nanosecond late.
+    return nanoseconds(start), nanoseconds(start + duration)
+
+
 def stamp_of(step: int, rate: float) -> int:
     """Stamp [ns] of a step of a loop that runs at `rate` [Hz]."""
     return round(step * NANOSECONDS / rate)

@@ -25,7 +25,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import Vector, add, array_at, inlined, kernel, store, vector
 from ppc_attitude.science.parameter import Parameter, filled, record_type
 from ppc_attitude.science.signals import DISTURBANCE, ENVIRONMENT_TORQUE
-from ppc_attitude.science.stamps import LATEST, nanoseconds
+from ppc_attitude.science.stamps import LATEST, span
 
 TIMES = Parameter("pulse_times", [], "start of each scheduled pulse", "s", low=0.0, high=LATEST)
 DURATIONS = Parameter(
@@ -73,8 +73,7 @@ def scheduled_pulses(values: Mapping[str, Any]) -> NDArray[Any]:
             f"pulse_torques {len(torques)}; allowed: n, n and 3 n"
         )
     each = zip(times, durations, np.reshape(torques, (-1, 3)), strict=True)
-    # The sum is rounded as stamps are: start and duration, each rounded, may end a nanosecond late.
-    parts = [pulse(nanoseconds(at), nanoseconds(at + time), torque) for at, time, torque in each]
+    parts = [pulse(*span(at, time), torque) for at, time, torque in each]
     return np.concatenate([np.zeros(0, PULSE), *parts])
 
 

@@ -40,7 +40,7 @@ from ppc_attitude.science.kernel import (
 )
 from ppc_attitude.science.noise import normal_vector, uniform
 from ppc_attitude.science.parameter import Parameter, at_start, record_type
-from ppc_attitude.science.stamps import LATEST, nanoseconds
+from ppc_attitude.science.stamps import LATEST, span
 
 _share = partial(Parameter, low=0.0, high=1.0)
 CROSS_NOISE = _share(
@@ -220,10 +220,8 @@ def star_tracker_record(values: Mapping[str, Any]) -> Any:
             f"at most {MAX_BLINDINGS}"
         )
     record["blindings"] = len(times)
-    for i, (time, duration) in enumerate(zip(times, durations, strict=True)):
-        # In nanoseconds as the stamps: sums of seconds are off by their last bit.
-        begin = nanoseconds(time)
-        record["blinding"][i] = begin, begin + nanoseconds(duration)
+    for i, each in enumerate(zip(times, durations, strict=True)):
+        record["blinding"][i] = span(*each)
     return record
 
 
