@@ -103,6 +103,17 @@ def test_overlapping_ones_add_up_each_with_its_own_duration() -> None:
     assert injector.acted == pytest.approx([0.2, 0.2, 0.1, 0.1, 0.0, 0.0])
 
 
+@pytest.mark.parametrize("rate", [24.0, 60.0, 1024.0])
+def test_one_of_whole_steps_acts_for_as_many_at_every_rate(rate: float) -> None:
+    injections = Injections()
+    for step in range(300):
+        stamp = stamp_of(step, rate)
+        injections.accept(TORQUE, 0, 4.0 / rate, LIMIT, None, 0)
+        injections.at(stamp)
+        acting = with_pulses(stamp, (0.0, 0.0, 0.0), np.concatenate(injections.pulses))
+        assert acting[0] == pytest.approx(0.1 * min(step + 1, 4)), step
+
+
 def test_time_that_begins_again_ends_them() -> None:
     injector = Injector()
     injector.runs(3)

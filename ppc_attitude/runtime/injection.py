@@ -99,7 +99,9 @@ class Injections:
         return text
 
     def _add(self, start_ns: int, duration: float, torque: tuple[float, ...]) -> None:
-        self.pulses.append(pulse(start_ns, start_ns + nanoseconds(duration), torque))
+        # Of stamps that are rounded, those that are the duration apart may be a nanosecond nearer.
+        end_ns = start_ns + max(nanoseconds(duration) - 1, 1)
+        self.pulses.append(pulse(start_ns, end_ns, torque))
         self._changed = True
 
     def at(self, stamp_ns: int) -> bool:
