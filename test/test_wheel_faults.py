@@ -31,6 +31,7 @@ from ppc_attitude.contract.topics import INJECTOR
 from ppc_attitude.science import wheels
 from ppc_attitude.science.kinds import ACTUATORS
 from ppc_attitude.science.part import Part
+from ppc_attitude.science.stamps import stamp_of
 from ppc_attitude.simulation.closed_loop import simulate
 
 J, SPIN = np.diag([2.8, 2.5, 1.9]), 8e-4
@@ -150,6 +151,18 @@ def test_the_drive_drops_a_lost_wheel_after_the_delay_and_takes_it_back() -> Non
     assert said[4] == (0, "", False, False)
     assert said[5:7] == [(1, *told)] * 2
     assert said[7] == (2, "no wheel is lost any more", False, False)
+
+
+@pytest.mark.parametrize("rate", [24.0, 60.0])
+def test_a_delay_of_whole_steps_takes_as_many_whatever_begins_it(rate: float) -> None:
+    for first in range(6):
+        begin = f"wheel/2 stuck 0 from {first / rate}"
+        part = drive(begin, wheels__detection_delay=4.0 / rate, rate=rate)
+        dropped = []
+        for k in range(12):
+            part.step(stamp_of(k, rate), [*AT_REST[:3], *[0.0] * 11])
+            dropped.append(part.advice.warning)
+        assert dropped.index(True) == first + 4
 
 
 def test_a_loss_in_flight_is_found_the_delay_after_it_began() -> None:

@@ -133,7 +133,8 @@ def configure(values: Mapping[str, Any]) -> Any:
     record["knowledge"] = values[KNOWLEDGE.name]
     record["compensation"] = values[COMPENSATION.name]
     record["clips"] = values[OVERLOAD.name] == "clip"
-    record["delay_ns"] = nanoseconds(values[DETECTION_DELAY.name])
+    # Stamps are rounded: those that are the delay apart may be a nanosecond nearer.
+    record["delay_ns"] = nanoseconds(values[DETECTION_DELAY.name]) - 1
     record["faults"] = faults_of(values, wheels.parts_of(values))
     return record
 
