@@ -131,6 +131,12 @@ def test_a_plant_that_waits_for_nobody_or_finds_every_command_late_is_refused(
         rclpy.shutdown()
 
 
+def test_a_command_may_be_a_step_old_at_every_rate() -> None:
+    rclpy.init(args=["--ros-args", "-p", "rate:=30.0", "-p", f"command_timeout:={1.0 / 30.0}"])
+    SpacecraftPlant().destroy_node()
+    rclpy.shutdown()
+
+
 def test_a_plant_finds_who_publishes_under_another_name() -> None:
     rclpy.init(args=["--ros-args", "-r", f"{TORQUE_COMMAND.name}:=command"])
     plant = SpacecraftPlant()

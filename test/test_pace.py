@@ -209,6 +209,17 @@ def test_the_torque_of_an_injector_that_is_not_waited_for_does_not_act_for_ever(
     assert [text.partition(":")[0] for text in bench.said] == [f"no {DISTURBANCE} for 0.5 s"]
 
 
+def test_an_input_is_as_old_as_the_time_out_for_one_step_at_every_rate() -> None:
+    for begin in range(6):
+        bench = Bench(Lockstep, wait_for=(COMMAND,), rate=30.0, timeout_ns=33_333_333)
+        for step in range(begin + 4):
+            if step == begin:
+                bench.give(DISTURBANCE, TORQUE)
+            bench.give(COMMAND, TORQUE)
+        acted = [given[DISTURBANCE] for _, given in bench.acted]
+        assert acted == [ZERO] * begin + [TORQUE] * 2 + [ZERO] * 2
+
+
 def test_the_last_step_tells_what_acts_and_ends() -> None:
     bench = Bench(Lockstep, last_step=5)
     while not bench.pace.finished:

@@ -47,7 +47,7 @@ from ppc_attitude.science.faults import FAULTS, acting_of, fault_texts
 from ppc_attitude.science.kinds import CONTROLLERS, KINDS
 from ppc_attitude.science.parameter import Value
 from ppc_attitude.science.part import first_raised
-from ppc_attitude.science.stamps import NANOSECONDS, nanoseconds, seconds
+from ppc_attitude.science.stamps import nanoseconds, seconds, stamp_of
 from ppc_attitude.simulation.scenario import check_components
 
 _PROGRESS_PERIOD = 0.1  # [s]
@@ -257,7 +257,7 @@ def _check_pace(values: Mapping[str, Any]) -> None:
     if values["lockstep"]:
         if not values["wait_for"]:
             raise ConfigurationError(f"{PLANT}: wait_for = []; allowed in lock-step: one or both")
-    elif nanoseconds(values["command_timeout"]) * values["rate"] < NANOSECONDS:
+    elif nanoseconds(values["command_timeout"]) < stamp_of(1, values["rate"]):
         raise ConfigurationError(
             f"{PLANT}: command_timeout = {values['command_timeout']} s; allowed on the wall clock: "
             f"from a step on, {1.0 / values['rate']:g} s, for a command acts in the step after it"

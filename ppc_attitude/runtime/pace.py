@@ -221,7 +221,8 @@ class Pace(ABC):
         """Latest values of an input, or zero when they are older than the time-out."""
         stamp = self.inputs[name].stamp
         expected = stamp >= 0 or name == self.rules.command  # the others need not be there
-        timed_out = expected and self.stamp - max(stamp, 0) > self.rules.timeout_ns
+        # Stamps are rounded: those that are the time-out apart may be a nanosecond further.
+        timed_out = expected and self.stamp - max(stamp, 0) > self.rules.timeout_ns + 1
         if timed_out != (name in self._timed_out):
             self._timed_out ^= {name}
             when = f"t = {seconds(self.stamp):.3f} s"
