@@ -218,6 +218,16 @@ def test_a_period_of_one_step_without_a_shortest_pulse_is_an_ideal_actuator() ->
     assert np.abs(told - commands).max() < 1e-16
 
 
+def test_of_what_asks_for_too_much_something_fires_even_if_no_pulse_is_shorter_than_a_period() -> (
+    None
+):
+    """A whole period that lacked its last bit was shorter than the shortest: one in fourteen."""
+    craft, on_time = record(min_on_time=0.1), np.zeros(16)
+    for impulse in np.random.default_rng(0).normal(size=(200, 3)):
+        pulses(tuple(impulse), craft, on_time)
+        assert on_time.max() == pytest.approx(0.1)
+
+
 def test_thrusters_without_fuel_give_nothing_and_say_so_once() -> None:
     part = Part(THRUSTERS, values(fuel=1e-3))
     applied, _ = flown(part, np.outer(np.ones(1000), [0.01, 0.0, 0.0]))

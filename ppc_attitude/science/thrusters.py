@@ -268,7 +268,7 @@ def least_fuel(impulse: Vector, craft: Any, on_time: Any) -> float:
 @kernel
 def admitted(on_time: float, craft: Any) -> float:
     """On-time [s] that becomes of one, by the shortest that there is."""
-    if on_time >= craft.min_on_time:
+    if on_time >= (1.0 - _NONE) * craft.min_on_time:  # a whole period may lack its last bit
         return on_time
     if craft.carries != 0.0 or 2.0 * on_time < craft.min_on_time:
         return 0.0
