@@ -118,6 +118,7 @@ def test_a_plant_that_runs_free_says_which_first_answer_it_waits_for(
     [
         (["lockstep:=true", "wait_for:=[]"], "wait_for = []; allowed in lock-step: one or both"),
         (["rate:=1.9"], "command_timeout = 0.5 s; allowed on the wall clock: from a step on, 0.5"),
+        (["rate:=30.0", "command_timeout:=0.0333333"], "from a step on, 0.033333333 s"),
     ],
 )
 def test_a_plant_that_waits_for_nobody_or_finds_every_command_late_is_refused(

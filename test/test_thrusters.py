@@ -303,7 +303,8 @@ def test_where_threes_cost_the_same_the_slower_one_counts() -> None:
         ({"directions": [0.0, 0.0, 1.0]}, "thrusters.directions 1,"),
         ({"positions": [1.0] * 51, "directions": [1.0] * 51}, "at most 16"),
         ({"directions": [0.0] * 24}, "each longer than 1e-6"),
-        ({"period": 0.025}, r"thrusters.period = 0.025 s is 2.5 steps at rate = 100 Hz"),
+        ({"period": 0.025}, r"thrusters.period = 0.025 s is 2.5 steps at rate = 100.0 Hz"),
+        ({"period": 0.0999999}, r"9.99999 steps at rate .* the nearest is 0.1 s"),
         ({"min_on_time": 0.2}, r"thrusters.min_on_time = 0.2 s; allowed: at most"),
     ],
 )

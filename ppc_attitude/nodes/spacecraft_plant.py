@@ -260,7 +260,8 @@ def _check_pace(values: Mapping[str, Any]) -> None:
     elif nanoseconds(values["command_timeout"]) < stamp_of(1, values["rate"]):
         raise ConfigurationError(
             f"{PLANT}: command_timeout = {values['command_timeout']} s; allowed on the wall clock: "
-            f"from a step on, {1.0 / values['rate']:g} s, for a command acts in the step after it"
+            f"from a step on, {seconds(stamp_of(1, values['rate'])):.9g} s, for a command acts in "
+            "the step after it"
         )
 
 

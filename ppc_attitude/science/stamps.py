@@ -59,7 +59,7 @@ def whole_steps(name: str, period: float, rate: float) -> int:
     steps = round(period * rate)
     if steps < 1 or abs(period * rate - steps) > 1e-9 * steps:
         raise ConfigurationError(
-            f"{name} = {period:g} s is {period * rate:g} steps at rate = {rate:g} Hz; allowed: a "
-            "whole number of steps"
+            f"{name} = {period!r} s is {period * rate:.12g} steps at rate = {rate!r} Hz; allowed: "
+            f"a whole number of steps, the nearest is {max(steps, 1) / rate!r} s"
         )
     return steps
