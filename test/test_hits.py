@@ -54,6 +54,13 @@ def test_a_scheduled_hit_counts_however_weak_it_is():
     assert strong.torque == pytest.approx((0.8, 0.8, 0.8), abs=1e-6)
 
 
+@pytest.mark.parametrize("start", [20.0, 20.1])  # on a step of the strong one
+def test_a_weak_scheduled_hit_is_no_part_of_a_strong_one(start):
+    given = (20.0, 0.1, (0.8, 0.8, 0.8)), (start, 2.0, WEAK)
+    found = pulses_of(scheduled(*given), ACTUATOR)
+    assert [(each.start_s, each.duration_s) for each in found] == [each[:2] for each in given]
+
+
 def test_a_weak_scheduled_hit_is_judged_as_any_other():
     hit = case().overlaid({INJECTOR: pulse(80.0, 1.0, 5e-4, 0.0, 0.0)})
     verdict = Verdict(simulate(hit, 100.0))

@@ -51,14 +51,12 @@ def pulses_of(record: RunRecord, actuator: float) -> tuple[Pulse, ...]:
     bound = _environment_bound(record)
     if has(record, ENVIRONMENT_TORQUE.name):
         torque, bound = torque - vectors(record, ENVIRONMENT_TORQUE.name), 0.0
-    found = find_pulses(t, torque, step(t), actuator, bound)
-    starts = {each.start_s for each in found}
     least = SMALLEST_STEP * actuator
-    weak = (
-        each
-        for each in scheduled(record)
-        if each.start_s not in starts and all(abs(torque) <= least for torque in each.torque)
-    )
+    weak = [each for each in scheduled(record) if all(abs(x) <= least for x in each.torque)]
+    for each in weak:  # beside a step of another pulse it would be taken for a part of that
+        acts = (t >= each.start_s) & (np.round(t - each.start_s, 9) < each.duration_s)
+        torque = torque - np.multiply.outer(acts, each.torque)
+    found = find_pulses(t, torque, step(t), actuator, bound)
     return tuple(sorted((*found, *weak), key=lambda each: (each.start_s, each.duration_s)))
 
 
