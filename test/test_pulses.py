@@ -196,3 +196,12 @@ def test_what_is_found_adds_up(pulses):
     found = find_pulses(t, torque)
     rest = torque - pulse_torque(t, [(p.start_s, p.duration_s, p.torque) for p in found])
     assert np.abs(rest - environment(t)).max() < 1.1e-3
+
+
+@pytest.mark.parametrize("gap", [(20.2, 77.8), (28.8, 70.1)])  # [s]
+def test_what_the_environment_changes_while_nothing_is_on_record_is_no_hit(gap):
+    true = [(10.0, 0.1, HIT), (90.0, 0.1, HIT)]
+    _, t = times(120.0)
+    torque = environment(t) + pulse_torque(t, true)
+    on_record = (t < gap[0]) | (t > gap[1])
+    same(find_pulses(t[on_record], torque[on_record]), true)

@@ -35,6 +35,9 @@ from ppc_attitude.contract.run_record import Array
 SMALLEST_STEP = 0.02
 """A change of one axis between two samples that is a step and not the environment [actuators]."""
 
+DRIFT = 0.002
+"""What more it may be of the environment for each second of a gap [actuators/s]."""
+
 LARGEST_ENVIRONMENT = 0.12
 """Largest torque on an axis that is no pulse, unless the environment's is larger [actuators]."""
 
@@ -99,7 +102,8 @@ def find_pulses(
     edges = float(t[0]), float(t[-1]) + interval
     if not rows.all():
         t, torque = t[rows], torque[rows]
-    at, heights = _steps(t, torque, SMALLEST_STEP * actuator)
+    drift = 0.0 if environment == 0.0 else DRIFT * np.maximum(np.diff(t) - interval, 0.0)
+    at, heights = _steps(t, torque, (SMALLEST_STEP + drift) * actuator)
     if not 0 < at.size <= MOST_STEPS:
         return ()
     same = SAME_TORQUE * actuator
@@ -117,7 +121,7 @@ def find_pulses(
     )
 
 
-def _steps(t: Array, torque: Array, least: float) -> tuple[NDArray[np.intp], Array]:
+def _steps(t: Array, torque: Array, least: float | Array) -> tuple[NDArray[np.intp], Array]:
     """First sample of each new level, and the height of the step without the smooth part."""
     is_step = np.logical_or.reduce(np.abs(np.diff(torque.T)) > least)
     at = np.flatnonzero(is_step)
