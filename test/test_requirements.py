@@ -178,6 +178,14 @@ def test_who_is_told_the_truth_makes_no_knowledge_error() -> None:
     assert Verdict(run).errors[-1].max_deg == 0.0
 
 
+def test_zeros_on_both_sides_are_no_perfect_knowledge() -> None:
+    run = told_with_noise()
+    for column in ("truth_attitude", "attitude"):
+        run[column][-1000:] = 0.0
+    (*_, knowledge) = Verdict(run).errors
+    assert knowledge.rms_deg == pytest.approx(np.rad2deg(np.sqrt(3.0) * 1e-4), rel=0.02)
+
+
 def test_a_told_attitude_that_the_noise_does_not_explain_fails() -> None:
     row = requirement(Verdict(told_with_noise(1e-4, 1e-5)), "knowledge error (truth against told)")
     assert (row.met, row.unit) == (False, "deg")

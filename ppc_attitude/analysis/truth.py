@@ -136,7 +136,7 @@ def knowledge_errors(record: RunRecord) -> Errors:
     errors = errors_between(record, TRUE_ATTITUDE.column, ATTITUDE.column)
     truth, told = samples(record, TRUE_ATTITUDE.column), samples(record, ATTITUDE.column)
     # An attitude times its own inverse is off by its rounding: who is told the truth knows it.
-    exact = (truth == told).all(axis=1)
+    exact = (truth == told).all(axis=1) & truth.any(axis=1)
     return Errors(np.where(exact[:, None], STRAIGHT, errors.quaternions)) if exact.any() else errors
 
 
