@@ -205,3 +205,8 @@ def test_what_the_environment_changes_while_nothing_is_on_record_is_no_hit(gap):
     torque = environment(t) + pulse_torque(t, true)
     on_record = (t < gap[0]) | (t > gap[1])
     same(find_pulses(t[on_record], torque[on_record]), true)
+
+
+def test_a_torque_that_is_too_weak_alone_is_too_weak_beside_a_hit():
+    true = [(10.0, 0.1, HIT)]
+    same(found_in([*true, (10.1, 2.0, (9e-4, 0.0, 0.0))]), true)

@@ -117,7 +117,7 @@ def find_pulses(
     times = [edges[0], *t[at].tolist(), edges[1]]
     return tuple(
         Pulse(times[start], round(times[stop] - times[start], 9), extra)
-        for start, stop, extra in sorted(_paired(rises, same))
+        for start, stop, extra in sorted(_paired(rises, same, SMALLEST_STEP * actuator))
     )
 
 
@@ -161,8 +161,8 @@ def _is_quiet(stretch: Array, most: float) -> bool:
     return bool(small or np.abs(np.median(stretch, axis=0)).max() <= most)
 
 
-def _paired(rises: Array, same: float) -> list[_Found]:
-    """Pulses as (first step, last step, torque), from the steps."""
+def _paired(rises: Array, same: float, least: float) -> list[_Found]:
+    """Pulses as (first step, last step, torque), from the steps, the least of which is given."""
     pulses: list[_Found] = []
     left = np.abs(rises).max(axis=1) > same
     at_rest = _same(np.cumsum(rises, axis=0), np.zeros(3), same)
@@ -182,7 +182,7 @@ def _paired(rises: Array, same: float) -> list[_Found]:
     level = np.zeros(3)
     for k, after in pairwise(unpaired):
         level = level + rises[k]
-        if np.abs(level).max() > same:
+        if np.abs(level).max() > least:  # as weak a one would not be found alone
             pulses.append((k, after, tuple(level.tolist())))
     return pulses
 
