@@ -228,6 +228,16 @@ def test_spin_turns_at_its_rate_about_its_axis() -> None:
     assert now[4:7] == pytest.approx(DEGREE * configuration["spin_axis"], abs=1e-16)
 
 
+@pytest.mark.parametrize("share", [0.9, -0.9, 0.87])
+def test_the_fastest_spins_that_are_allowed_are_caught_up_with(share: float) -> None:
+    configuration, state = guidance(), begun(PAPER)
+    configuration["spin_rate"] = share * V
+    assert pursue(0.0, SPIN, PAPER, configuration, state) == ACCEPTED
+    times = np.linspace(0.0, float(active(state)["end"]), 500)
+    rates = [np.linalg.norm(motion(t, configuration, state)[4:7]) for t in times]
+    assert max(rates) < 1.001 * V
+
+
 def assert_refused(outcome: int, expected: int, t: float, configuration: Any, state: Any) -> None:
     assert outcome == expected == state["outcome"]
     other = begun(PAPER)

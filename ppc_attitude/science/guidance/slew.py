@@ -56,6 +56,7 @@ _FASTER = 1.01  # times V that a brake with 2 |α|/K may reach
 LONGER = 1.2  # times the rate with which a brake begins: what it may reach
 GOES_ON = 4.0 / 27.0  # times α T: most of s (1 − s)², which α adds to the rate after s T
 NO_TURN = 1e-12  # [rad]
+_SLOWEST = 0.05  # times V: a turn with it keeps V in the fastest spin that is allowed, too
 
 
 @kernel
@@ -179,7 +180,7 @@ def append_slew(
         plan.end = t
         return True
     rate = limits.max_rate
-    for _ in range(MOST_ATTEMPTS):
+    while rate > _SLOWEST * limits.max_rate:
         turn = profile(angle, rate, limits.max_acceleration, limits.max_jerk)
         if frame == INERTIAL or _rate_kept(plan, frame, t, start, axis, turn, limits, sky, look):
             return append_turn(plan, frame, t, start, axis, turn, limits.max_jerk)
