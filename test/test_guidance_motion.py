@@ -126,6 +126,7 @@ def test_axis_of_half_a_turn_has_a_positive_first_component() -> None:
     assert axis_and_angle((-0.6, 0.8, 0.0, 0.0))[0] == (0.6, -0.8, 0.0)
     assert axis_and_angle((0.0, -1.0, 0.0, -0.0))[0] == pytest.approx((0.0, 1.0, 0.0))
     assert axis_and_angle((0.0, 0.0, -1.0, 1e-13)) == ((0.0, 0.0, 1.0), pytest.approx(math.pi))
+    assert axis_and_angle((-1e-17, 1e-16, 1.0, -1e-17))[0] == pytest.approx((0.0, 0.0, 1.0))
 
 
 def test_short_way_of_a_quaternion_with_a_negative_scalar() -> None:

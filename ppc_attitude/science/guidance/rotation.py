@@ -38,7 +38,7 @@ from ppc_attitude.science.kernel import (
 Motion: TypeAlias = tuple[Quaternion, Vector, Vector]
 
 _SMALL = 0.01  # [rad] below this the series are better than the closed forms
-_HALF_TURN = 1e-12  # |w| of a quaternion below this: half a turn
+_ROUNDED = 1e-12  # of a unit quaternion: a part below this may be zero
 
 
 @kernel
@@ -52,19 +52,19 @@ def about(axis: Vector, angle: float) -> Quaternion:
 def axis_and_angle(q: Quaternion) -> tuple[Vector, float]:
     """Eigenaxis and angle [rad], 0 to π, of a rotation, the short way.
 
-    Of half a turn the axis is the one whose first non-zero component is positive. Of no turn the
-    angle is 0 and the axis any.
+    Of half a turn the axis is the one whose first component that is not zero, nor made by rounding,
+    is positive. Of no turn the angle is 0 and the axis any.
     """
     v = vector(q)
     sine = norm(v)
     if sine == 0.0:
         return (1.0, 0.0, 0.0), 0.0
     sign = 1.0 if q[3] >= 0.0 else -1.0
-    if abs(q[3]) < _HALF_TURN:
+    if abs(q[3]) < _ROUNDED:
         first = v[2]
-        if v[1] != 0.0:
+        if abs(v[1]) > _ROUNDED:
             first = v[1]
-        if v[0] != 0.0:
+        if abs(v[0]) > _ROUNDED:
             first = v[0]
         sign = 1.0 if first > 0.0 else -1.0
     return scale(sign / sine, v), 2.0 * math.atan2(sine, abs(q[3]))
