@@ -356,6 +356,7 @@ def test_wait_for_a_timed_profile_keeps_clear_of_cones_that_move() -> None:
         ([1.0], [PAPER], [None], "a trajectory of 1 points; allowed: 2 to 40"),
         ([1.0, 1.0], [PAPER, OTHER], [None, None], "allowed: finite and increasing"),
         ([1.0, np.nan], [PAPER, OTHER], [None, None], "allowed: finite and increasing"),
+        ([0.0, 1e-70], [PAPER, PAPER], [None, None], "increasing by more than 1e-12 s"),
         ([1.0, 2.0], [PAPER, (1.0, 1.0, 0.0, 0.0)], [None, None], "point 1 has attitude"),
         ([1.0, 2.0], [(np.nan,) * 4, PAPER], [None, None], "point 0 has attitude"),
         ([1.0, 2.0], [PAPER, OTHER], [(0.1, 0.0, 0.0), None], "point 0 is in motion"),

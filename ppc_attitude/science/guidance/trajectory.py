@@ -50,6 +50,7 @@ from ppc_attitude.science.kernel import (
 from ppc_attitude.science.parameter import record_type
 
 MOST_POINTS = 40  # the way to the first point needs legs too
+_CLOSEST = 1e-12  # [s] between two points: a segment divides by the fifth power of it
 POINTS = record_type(
     ("count", np.int64),
     ("time", np.float64, (MOST_POINTS,)),  # [s], increasing
@@ -101,9 +102,10 @@ def points(
     # To normalise one again would change its last bits, and a replay would not be exact.
     lengths[np.abs(lengths - 1.0) <= OWN_TOLERANCE] = 1.0
     quaternions = quaternions / lengths[:, None]
-    if not (np.diff(times) > 0.0).all():
+    if not (np.diff(times) > _CLOSEST).all():
         raise ConfigurationError(
-            f"times of the points are {list(times)}; allowed: finite and increasing"
+            f"times of the points are {list(times)}; allowed: finite and increasing by more than "
+            f"{_CLOSEST:g} s"
         )
     record["time"][:count] = times
     record["attitude"][:count] = quaternions
