@@ -320,7 +320,7 @@ def test_all_that_a_process_says_is_heard_and_nothing_stays_open(tmp_path: Path)
     child.listen()
     assert "".join(said) == 100_000 * "caf\ufffd "
     del child
-    assert len(list(files.iterdir())) == before
+    assert len(list(files.iterdir())) <= before  # what others had open may be closed meanwhile
 
 
 def test_waiting_for_the_processor_is_no_reason_to_be_given_up(
