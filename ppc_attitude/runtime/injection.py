@@ -18,7 +18,7 @@ from typing import Any
 
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.disturbances.pulses import pulse
-from ppc_attitude.science.stamps import nanoseconds, seconds
+from ppc_attitude.science.stamps import ROUNDING, nanoseconds, seconds
 
 _MOST = 1000  # pulses that may be pending or active at a time
 _REMEMBERED = 100  # requests whose answers are kept for who asks again
@@ -99,8 +99,7 @@ class Injections:
         return text
 
     def _add(self, start_ns: int, duration: float, torque: tuple[float, ...]) -> None:
-        # Of stamps that are rounded, those that are the duration apart may be a nanosecond nearer.
-        end_ns = start_ns + max(nanoseconds(duration) - 1, 1)
+        end_ns = start_ns + max(nanoseconds(duration) - ROUNDING, 1)
         self.pulses.append(pulse(start_ns, end_ns, torque))
         self._changed = True
 

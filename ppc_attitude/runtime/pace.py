@@ -27,7 +27,7 @@ from typing import Protocol
 from ppc_attitude.contract.topics import RECORDED_TOPIC
 from ppc_attitude.runtime.health import OK, STALE, WARN, Status
 from ppc_attitude.runtime.stamps import RefusedError, Values, out_of_order
-from ppc_attitude.science.stamps import seconds, stamp_of, step_of
+from ppc_attitude.science.stamps import ROUNDING, seconds, stamp_of, step_of
 
 _REPEAT_FIRST, _REPEAT_MOST = 0.2, 1.0  # [s] unanswered states are repeated after this
 _REBASE = 0.5  # [s] who is later than this goes on from now instead of catching up
@@ -221,8 +221,7 @@ class Pace(ABC):
         """Latest values of an input, or zero when they are older than the time-out."""
         stamp = self.inputs[name].stamp
         expected = stamp >= 0 or name == self.rules.command  # the others need not be there
-        # Stamps are rounded: those that are the time-out apart may be a nanosecond further.
-        timed_out = expected and self.stamp - max(stamp, 0) > self.rules.timeout_ns + 1
+        timed_out = expected and self.stamp - max(stamp, 0) > self.rules.timeout_ns + ROUNDING
         if timed_out != (name in self._timed_out):
             self._timed_out ^= {name}
             when = f"t = {seconds(self.stamp):.3f} s"

@@ -18,6 +18,7 @@ from ppc_attitude.science.errors import ConfigurationError
 
 NANOSECONDS = 1_000_000_000
 LARGEST_STEP = 10 * NANOSECONDS  # [ns] between two stamps: after a longer one time begins again
+ROUNDING = 1  # [ns] by which two stamps may be nearer or further apart than the time between them
 LATEST = 1e8  # [s] that any run reaches: no stamp is later, and nothing is scheduled for later
 
 

@@ -38,7 +38,7 @@ from ppc_attitude.science.faults import FAULTS, RECORD, How, acting, faults_of, 
 from ppc_attitude.science.kernel import Vector, add, cross, kernel, scale, vector
 from ppc_attitude.science.parameter import RATE, Parameter, record_type
 from ppc_attitude.science.signals import ANGULAR_VELOCITY, TORQUE_COMMAND
-from ppc_attitude.science.stamps import nanoseconds
+from ppc_attitude.science.stamps import ROUNDING, nanoseconds
 from ppc_attitude.science.wheels import TRACE, WHEELS, friction, momentum, room, wheel_record
 
 NULL_SPEED = Parameter(
@@ -133,8 +133,7 @@ def configure(values: Mapping[str, Any]) -> Any:
     record["knowledge"] = values[KNOWLEDGE.name]
     record["compensation"] = values[COMPENSATION.name]
     record["clips"] = values[OVERLOAD.name] == "clip"
-    # Stamps are rounded: those that are the delay apart may be a nanosecond nearer.
-    record["delay_ns"] = nanoseconds(values[DETECTION_DELAY.name]) - 1
+    record["delay_ns"] = nanoseconds(values[DETECTION_DELAY.name]) - ROUNDING
     record["faults"] = faults_of(values, wheels.parts_of(values))
     return record
 

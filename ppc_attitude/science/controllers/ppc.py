@@ -318,8 +318,11 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
         memory, gains, drive, attitude, rate
     )
     # At the top of its table no plan is wider, and a plan takes longer than many a sample.
-    begun = attitude[0] < nominal(0.0, gains.attitude_shape)[0]
-    if gains.auto != 0.0 and begun and is_outside(q, rho_q):
+    if (
+        gains.auto != 0.0
+        and is_outside(q, rho_q)
+        and attitude[0] < nominal(0.0, gains.attitude_shape)[0]
+    ):
         plan_envelopes(memory.plan, t, q_e, omega_e, gains)
         rate, attitude = carry_on(memory.plan, t, gains)
         rho_q, rho_q_rate, rho_omega, rho_omega_rate = composite_envelopes(
