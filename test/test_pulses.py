@@ -20,21 +20,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import environment, pulse_torque, times
 
-from ppc_attitude.analysis import pulses as found_pulses
-from ppc_attitude.analysis.series import step
+from ppc_attitude.analysis.pulses import find_pulses
 
 RATES = [50.0, 100.0, 333.0, 1000.0]
 HIT = (0.8, 0.8, 0.8)
 ACTUATOR = 0.05  # [N·m]
 
 
-def find_pulses(t, torque):
-    return found_pulses.find_pulses(t, torque, step(t), ACTUATOR)
-
-
 def found_in(pulses, duration=30.0, rate=100.0, background=environment):
     _, t = times(duration, rate)
-    return find_pulses(t, background(t) + pulse_torque(t, pulses))
+    return find_pulses(t, background(t) + pulse_torque(t, pulses), ACTUATOR)
 
 
 def still(t):
@@ -48,13 +43,6 @@ def same(found, true, within=1e-9):
         assert pulse.start_s == pytest.approx(start, abs=within)
         assert pulse.duration_s == pytest.approx(duration, abs=within)
         assert pulse.torque == pytest.approx(torque, abs=2e-5)
-
-
-@pytest.mark.parametrize("background", [environment, still])
-@pytest.mark.parametrize("rate", [50.0, 100.0, 1000.0])
-def test_the_papers_hits(rate, background):
-    true = [(20.0, 0.1, (0.5, 0.5, 0.5)), (80.0, 0.1, HIT)]
-    same(found_in(true, 120.0, rate, background), true)
 
 
 @pytest.mark.parametrize("rate", [10.0, *RATES])
@@ -113,27 +101,13 @@ def test_missing_samples_are_no_steps():
     torque[100:200] = np.nan
     torque[501] = np.nan
     torque[-3:] = np.nan
-    same(find_pulses(t, torque), [(5.0, 0.1, HIT)])
-
-
-@pytest.mark.parametrize("size", [2.0**-26, 2.0**26])
-def test_pulses_are_as_large_as_the_craft(size):
-    """From a PocketQube to a station: steps and rest are told by what the actuator gives."""
-    _, t = times(30.0)
-    torque = environment(t) + pulse_torque(t, [(0.0, 1.0, HIT), (5.0, 0.1, (0.02, 0.0, 0.0))])
-    of_this_craft = found_pulses.find_pulses(t, size * torque, step(t), size * ACTUATOR)
-    small, found = [
-        [(p.start_s, p.duration_s, *(x / each for x in p.torque)) for p in pulses]
-        for each, pulses in ((1.0, find_pulses(t, torque)), (size, of_this_craft))
-    ]
-    assert len(found) == 2
-    assert found == small
+    same(find_pulses(t, torque, ACTUATOR), [(5.0, 0.1, HIT)])
 
 
 def test_a_large_environment_is_no_pulse_of_a_weak_actuator():
     _, t = times(30.0)
     torque = environment(t) + pulse_torque(t, [(5.0, 0.1, HIT)])
-    same(found_pulses.find_pulses(t, torque, step(t), 0.01, 4.4e-3), [(5.0, 0.1, HIT)])
+    same(find_pulses(t, torque, 0.01, 4.4e-3), [(5.0, 0.1, HIT)])
 
 
 def test_where_there_is_no_environment_rest_is_zero_even_if_pulses_touch_from_the_start() -> None:
@@ -141,25 +115,25 @@ def test_where_there_is_no_environment_rest_is_zero_even_if_pulses_touch_from_th
     _, t = times(30.0)
     levels = [HIT, (0.005, -0.004, 0.003), (-0.3, 0.2, -0.1)]
     pieces = [(10.0 * k, 10.0, level) for k, level in enumerate(levels)]
-    same(found_pulses.find_pulses(t, pulse_torque(t, pieces), step(t), ACTUATOR, 0.0), pieces)
+    same(find_pulses(t, pulse_torque(t, pieces), ACTUATOR, 0.0), pieces)
 
 
 def test_a_constant_torque_is_not_sudden():
     _, t = times(10.0)
-    assert find_pulses(t, np.full((t.size, 3), 0.3)) == ()
+    assert find_pulses(t, np.full((t.size, 3), 0.3), ACTUATOR) == ()
 
 
 def test_a_rough_torque_has_no_pulses():
     _, t = times(30.0)
     rough = np.random.default_rng(1).normal(0.0, 0.1, (t.size, 3))
-    assert find_pulses(t, rough) == ()
+    assert find_pulses(t, rough, ACTUATOR) == ()
 
 
 @pytest.mark.parametrize("samples", [0, 1, 2])
 def test_hardly_any_sample(samples):
     t = np.arange(samples) * 0.01
-    assert find_pulses(t, np.zeros((samples, 3))) == ()
-    assert find_pulses(t, np.full((samples, 3), np.nan)) == ()
+    for torque in (0.0, np.nan):
+        assert find_pulses(t, np.full((samples, 3), torque), ACTUATOR) == ()
 
 
 AXIS = st.floats(0.02, 2.0).flatmap(lambda size: st.sampled_from([size, -size]))
@@ -193,7 +167,7 @@ def test_what_is_found_adds_up(pulses):
     """However pulses overlap, those found explain the torque: what they leave is smooth."""
     _, t = times(10.0)
     torque = environment(t) + pulse_torque(t, [(a / 100, b / 100, c) for a, b, c in pulses])
-    found = find_pulses(t, torque)
+    found = find_pulses(t, torque, ACTUATOR)
     rest = torque - pulse_torque(t, [(p.start_s, p.duration_s, p.torque) for p in found])
     assert np.abs(rest - environment(t)).max() < 1.1e-3
 
@@ -204,7 +178,7 @@ def test_what_the_environment_changes_while_nothing_is_on_record_is_no_hit(gap):
     _, t = times(120.0)
     torque = environment(t) + pulse_torque(t, true)
     on_record = (t < gap[0]) | (t > gap[1])
-    same(find_pulses(t[on_record], torque[on_record]), true)
+    same(find_pulses(t[on_record], torque[on_record], ACTUATOR), true)
 
 
 def test_a_torque_that_is_too_weak_alone_is_too_weak_beside_a_hit():

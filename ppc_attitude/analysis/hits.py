@@ -56,7 +56,7 @@ def pulses_of(record: RunRecord, actuator: float) -> tuple[Pulse, ...]:
     for each in weak:  # beside a step of another pulse it would be taken for a part of that
         acts = (t >= each.start_s) & (np.round(t - each.start_s, 9) < each.duration_s)
         torque = torque - np.multiply.outer(acts, each.torque)
-    found = find_pulses(t, torque, step(t), actuator, bound)
+    found = find_pulses(t, torque, actuator, bound)
     return tuple(sorted((*found, *weak), key=lambda each: (each.start_s, each.duration_s)))
 
 

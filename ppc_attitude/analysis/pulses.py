@@ -29,7 +29,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.analysis.series import Mask, finite
+from ppc_attitude.analysis.series import Mask, finite, step
 from ppc_attitude.contract.run_record import Array
 
 SMALLEST_STEP = 0.02
@@ -71,7 +71,7 @@ class Pulse:
 
 
 def find_pulses(
-    t: Array, torque: Array, interval: float, actuator: float, environment: float | None = None
+    t: Array, torque: Array, actuator: float, environment: float | None = None
 ) -> tuple[Pulse, ...]:
     """Find the sudden disturbances in an external torque.
 
@@ -83,9 +83,8 @@ def find_pulses(
     t : ndarray, shape (n,)
         Time, increasing [s].
     torque : ndarray, shape (n, 3)
-        External torque that acts from each instant on [N·m]; rows not finite are skipped.
-    interval : float
-        Nominal time between two samples [s]: the last one acts for so long.
+        External torque that acts from each instant on [N·m], after the last one for a nominal
+        step; rows not finite are skipped.
     actuator : float
         Torque that the actuator gives on an axis [N·m].
     environment : float
@@ -99,6 +98,7 @@ def find_pulses(
     rows = finite(torque)
     if np.count_nonzero(rows) < 2:
         return ()
+    interval = step(t)
     edges = float(t[0]), float(t[-1]) + interval
     if not rows.all():
         t, torque = t[rows], torque[rows]
@@ -111,7 +111,7 @@ def find_pulses(
         first = torque[0]
     else:
         most = max(LARGEST_ENVIRONMENT * actuator, environment or 0.0)
-        first = _extra_at_start(at, heights, torque, most, same)
+        first = _extra_at_start(at, heights, torque, most)
     # The record's own edges are steps as well: from rest to the first level, and back to rest.
     rises = np.vstack([first, heights, -(first + heights.sum(axis=0))])
     times = [edges[0], *t[at].tolist(), edges[1]]
@@ -135,24 +135,17 @@ def _steps(t: Array, torque: Array, least: float | Array) -> tuple[NDArray[np.in
     return at + 1, torque[at + 1] - torque[at] - smooth * (t[at + 1] - t[at])[:, None]
 
 
-def _extra_at_start(
-    at: NDArray[np.intp], heights: Array, torque: Array, most: float, same: float
-) -> Array:
+def _extra_at_start(at: NDArray[np.intp], heights: Array, torque: Array, most: float) -> Array:
     """Extra torque at the first sample, shape (3,): zero unless the record starts in a pulse.
 
-    Rest is the first level if it is small enough for an environment, else the one of those that is
-    held longest.
+    Rest is the first level that is small enough for an environment.
     """
     stretches = np.split(torque, at)
-    if _is_quiet(stretches[0], most):
-        return np.zeros(3)
     levels = np.vstack([np.zeros(3), np.cumsum(heights, axis=0)])
-    held = np.array([len(stretch) for stretch in stretches])
-    quiet = np.flatnonzero([_is_quiet(stretch, most) for stretch in stretches])
-    if quiet.size == 0:
-        return np.asarray(np.median(stretches[0], axis=0), dtype=np.float64)
-    together = [held[quiet][_same(levels[quiet], levels[k], same)].sum() for k in quiet]
-    return np.asarray(-levels[quiet[int(np.argmax(together))]], dtype=np.float64)
+    for stretch, level in zip(stretches, levels, strict=True):
+        if _is_quiet(stretch, most):
+            return np.asarray(-level)
+    return np.asarray(np.median(stretches[0], axis=0), dtype=np.float64)
 
 
 def _is_quiet(stretch: Array, most: float) -> bool:
