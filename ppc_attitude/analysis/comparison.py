@@ -96,7 +96,7 @@ def angular_velocity_comparison(runs: Sequence[Measured], labels: Sequence[str])
     """Draw ω_s of runs, its norm with the limit, and a late hit closely."""
     series: list[_Series] = []
     for run in runs:
-        if run.rate is None:
+        if run.lacks_rate:
             raise AnalysisError(f"{run.record.source}: {run.lacks_rate}")
         norm = np.linalg.norm(run.rate, axis=1, keepdims=True)
         series.append((run.t, np.hstack([run.rate, norm]), None))

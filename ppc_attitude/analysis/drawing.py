@@ -125,17 +125,20 @@ def decimated(t: Array, values: Array) -> tuple[Array, Array]:
     """
     if values.size <= 2 * BUCKETS:
         return t, values
-    size = -(-values.size // BUCKETS)
-    padded = np.full(size * -(-values.size // size), np.nan)
-    padded[: values.size] = values
-    rows = padded.reshape(-1, size)
+    rows = _stretches(values)
     gaps = np.isnan(rows)
     extremes = np.column_stack(
         [np.where(gaps, np.inf, rows).argmin(axis=1), np.where(gaps, -np.inf, rows).argmax(axis=1)]
     )
-    picked = (np.sort(extremes, axis=1) + size * np.arange(len(rows))[:, None]).ravel()
-    picked = np.concatenate([[0], picked, [values.size - 1]])
+    picked = np.sort(extremes, axis=1) + rows.shape[1] * np.arange(len(rows))[:, None]
+    picked = np.concatenate([[0], picked.ravel(), [values.size - 1]])
     return t[picked], values[picked]
+
+
+def _stretches(values: Array) -> Array:
+    """Rows of `BUCKETS` stretches of a line, shape (n,); the last one goes on as it ends."""
+    size = -(-values.size // BUCKETS)
+    return np.pad(values, (0, -values.size % size), "edge").reshape(-1, size)
 
 
 def band(t: Array, values: Array) -> tuple[Array, Array, Array, Array] | None:
@@ -146,9 +149,7 @@ def band(t: Array, values: Array) -> tuple[Array, Array, Array, Array] | None:
     """
     if values.size <= 2 * BUCKETS:
         return None
-    size = -(-values.size // BUCKETS)
-    rest = -values.size % size  # of the last stretch, which goes on as it ends
-    times, rows = (np.pad(each, (0, rest), "edge").reshape(-1, size) for each in (t, values))
+    times, rows = _stretches(t), _stretches(values)
     low, high = rows.min(axis=1), rows.max(axis=1)
     travelled = np.abs(np.diff(rows, axis=1)).sum(axis=1)
     moving = np.isfinite(travelled) & (high > low)

@@ -124,7 +124,7 @@ def applied_torque_figure(run: Measured) -> Figure:
 
 def angular_velocity_figure(run: Measured) -> Figure:
     """Draw ω_s over the desired ω_d (dotted, body axes), and its norm under the limit."""
-    if run.rate is None:
+    if run.lacks_rate:
         raise AnalysisError(f"{run.record.source}: {run.lacks_rate}")
     figure, (top, bottom) = panels(2, share_x=True)
     components(top, run.t, run.rate)

@@ -110,12 +110,13 @@ class Measured:
         self.control = known(control_errors, record)
         self.plant = record.parameters.get(PLANT, {})
         self._actuator = ACTUATORS.selected(self.plant)
-        self.rate = None
-        if has(record, truth.angular_velocity):
-            self.rate = np.rad2deg(vectors(record, truth.angular_velocity))
         self.known_from, self.known_until = self._known(self.size(required.settled))
         self.lacks_attitude = self.lacks(truth.attitude, REFERENCE_ATTITUDE.column)
         self.lacks_rate = self.lacks(truth.angular_velocity)
+        if self.lacks_rate:
+            self.rate = np.full((self.t.size, 3), np.nan)
+        else:
+            self.rate = np.rad2deg(vectors(record, truth.angular_velocity))
         pulses = known_pulses
         if pulses is None:
             pulses = pulses_of(record, self._limit_of(record.parameters))
@@ -154,9 +155,16 @@ class Measured:
         lacking = [topic_of(each) for each in columns if not has(self.record, each)]
         return f"no topic {' and no topic '.join(lacking)} in the bag" if lacking else ""
 
+    @property
+    def ending(self) -> str:
+        """Say where the run ends, or the attitude error before it."""
+        whole = self.known_until == self.end
+        ends = "the run ends at" if whole else "no attitude error is known after"
+        return f"{ends} {self.known_until:g} s"
+
     def ends_before(self, needed: float, what: str) -> str:
-        """Why a run that ends before some time [s] does not show it; empty if it does."""
-        return f"the run ends at {self.end:g} s, before {what}" if self.end < needed else ""
+        """Why an error that ends before some time [s] does not show it; empty if it does."""
+        return f"{self.ending}, before {what}" if self.known_until < needed else ""
 
     @property
     def lacks_time(self) -> str:
@@ -183,8 +191,7 @@ class Measured:
     @property
     def rate_spans(self) -> tuple[Span, Span]:
         """What is known of the rate before the first sudden disturbance, and in all [s]."""
-        start = self.begin if self.rate is None else self._known(self.rate[:, 0])[0]
-        calm = self.calm_span
+        start, calm = self._known(self.rate[:, 0])[0], self.calm_span
         return (start, calm[1]) if start < calm[1] else calm, (start, self.end)
 
     @property
@@ -281,8 +288,7 @@ class Measured:
             settling = float(self.t[unsettled[-1]])
         elif not self.known_from and np.isfinite(size[self.calm]).any():
             settling = 0.0
-        norm = None if self.rate is None else np.sqrt(np.square(self.rate).T.sum(axis=0))
-        axis = None if self.rate is None else component_size(self.rate)
+        norm, axis = np.sqrt(np.square(self.rate).T.sum(axis=0)), component_size(self.rate)
         calm_span, whole = self.rate_spans
         measured: dict[str, tuple[float | None, Span]] = {
             "settling_time_s": (settling, self.calm_span),
@@ -370,11 +376,7 @@ class Measured:
 
     def time(self, instants: Mask) -> float:
         """How long some instants, shape (n,), last together [s]."""
-        return round(float(self._lasting[instants].sum()), 9) if instants.any() else 0.0
-
-    @cached_property
-    def _lasting(self) -> Array:
-        return lasting(self.t)
+        return round(float(lasting(self.record)[instants].sum()), 9) if instants.any() else 0.0
 
     @cached_property
     def errors(self) -> tuple[ErrorSize, ...]:

@@ -225,8 +225,6 @@ class Verdict(Measured):
                 why = why or f"the record of the error begins at {value:g} s, after the deadline"
         if not why and self.metrics.settled is False and (value or 0.0) < deadline:
             why = f"a sudden disturbance came when it was {note}"
-            if not self.hits:
-                why = f"no attitude error is known after {value:g} s, when it was not settled"
         key, span = "settling_time", self.calm_span
         return self.row(key, value, deadline, "s", why, span, strict=True, note=note)
 
@@ -292,9 +290,8 @@ class Verdict(Measured):
         """Judge the slowest recovery from the hits that are judged by it."""
         limit, span = self.required.recovery, (hits[0].start_s, self.end)
         slowest, why, never = None, self.lacks_attitude, ""
-        until = self.known_until
         for hit, following in zip(hits, [*hits[1:], None], strict=True):
-            stop = until if following is None else min(following.start_s, until)
+            stop = min(following.start_s if following else np.inf, self.known_until)
             time = round(stop - hit.start_s, 9)
             # Before the end the error of a hit that has just come may still grow.
             cut = following is None and time < limit
@@ -304,10 +301,7 @@ class Verdict(Measured):
                 never = f"not recovered from the sudden disturbance at {hit.start_s:g} s"
             elif following is None and not never and (slowest or 0.0) <= limit:
                 after = f"after the sudden disturbance at {hit.start_s:g} s are over"
-                ends = (
-                    "the run ends at" if until == self.end else "no attitude error is known after"
-                )
-                why = why or f"{ends} {until:g} s, before the {limit:g} s {after}"
+                why = why or f"{self.ending}, before the {limit:g} s {after}"
         if never and not why:
             name = self.names["recovery"]
             return Requirement("recovery", name, None, limit, "s", False, span, reason=never)

@@ -99,11 +99,13 @@ def step(t: Array) -> float:
     return float(low if low == high else np.round(np.median(intervals), 9))
 
 
-def lasting(t: Array) -> Array:
+@once
+def lasting(record: RunRecord) -> Array:
     """How long each sample counts [s], shape (n,): the nominal time between two.
 
     A rhythm that changes has no gaps and no nominal time: each counts until the next one.
     """
+    t = elapsed(record)
     h = step(t)
     if t.size > 1:
         steps = np.diff(t, append=t[-1] + h)
