@@ -32,7 +32,6 @@ from ppc_attitude.analysis.interactive import plotted, replay
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.report import write_report
-from ppc_attitude.analysis.requirements import PAPER
 from ppc_attitude.command_line.verdict_view import verdict_table
 from ppc_attitude.contract.run_record import Change
 
@@ -71,6 +70,16 @@ class Page(HTMLParser):
     @property
     def text(self):
         return " ".join(" ".join(self.words).split())
+
+
+def data_of(text):
+    """What a script of the page is given."""
+    return json.loads(re.search(r"json\">(.*)</script>", text)[1])
+
+
+def numbers_of(packed, width=1):
+    """Rows of numbers as the page carries them, shape (n, width)."""
+    return np.frombuffer(base64.b64decode(packed), "<f4").reshape(-1, width)
 
 
 def report(tmp_path, *runs, **told):
@@ -192,16 +201,8 @@ def test_page_and_verdict_tell_one_start_and_torque_of_a_hit(tmp_path, undrawn):
     assert "3.0 → 4.0 from 215.49 s on" in verdict
 
 
-def test_a_good_run(tmp_path, undrawn):
-    page, _ = report(tmp_path, normal_run())
-    assert "9 met of 9 requirements" in page.text
-    assert "✗" not in page.text
-    assert "No sudden disturbance." in page.text
-
-
-@pytest.mark.parametrize("runs", ["one", "two"])
-def test_nothing_comes_from_outside(runs, request):
-    page, text = request.getfixturevalue(f"page_of_{runs}")
+def test_nothing_comes_from_outside(page_of_two):
+    page, text = page_of_two
     assert not {"link", "iframe", "object"} & set(page.tags)
     assert "src" not in {name for tag, attrs in page.scripts for name, _ in attrs}
     assert all(image["src"].startswith("data:image/svg+xml;base64,") for image in page.images)
@@ -229,27 +230,22 @@ def test_the_page_is_the_same_each_time_and_every_image_a_whole_drawing(tmp_path
 def test_figures_can_be_zoomed_on_the_numbers_of_the_drawing(page_of_one):
     """What a browser is given is what the figure's lines show."""
     figure = figures_of(Measured(normal_run(10.0)))["applied_torque"][1]
-    (panel,) = json.loads(re.search(r">(.*)<", plotted(figure))[1])
+    (panel,) = data_of(plotted(figure))
     assert (panel["label"], panel["scale"]) == ("applied torque [N·m]", "linear")
     told = {line["label"]: line for line in panel["lines"] if line["label"]}
     assert list(told) == ["x", "y", "z", "limit ±0.05 N·m"]
-    x, y = (np.frombuffer(base64.b64decode(told["y"][key]), "<f4") for key in "xy")
     drawn = next(line for line in figure.axes[0].get_lines() if line.get_label() == "y")
-    assert np.array_equal(x, drawn.get_xdata().astype("<f4"))
-    assert np.array_equal(y, drawn.get_ydata().astype("<f4"))
+    points = np.hstack([numbers_of(told["y"][key]) for key in "xy"])
+    assert np.array_equal(points, np.column_stack(drawn.get_data()).astype("<f4"))
     page, _ = page_of_one
     assert page.tags.count("figure") + 2 == page.tags.count("script")  # the replay, the program
 
 
 def test_a_chart_has_the_envelopes_by_name_the_limits_of_the_drawing_and_no_marks_of_hits():
     drawn = figures_of(Measured(hit_run()))
-    panels = {
-        name: json.loads(re.search(r">(.*)<", plotted(figure))[1])
-        for name, (_, figure) in drawn.items()
-    }
-    told = [line["label"] for line in panels["rate_error"][0]["lines"]]
+    told = [line["label"] for line in data_of(plotted(drawn["rate_error"][1]))[0]["lines"]]
     assert [each for each in told if "envelope" in each] == [f"envelope {k}" for k in "xyz"]
-    whole, enlarged = panels["disturbance"]
+    whole, enlarged = data_of(plotted(drawn["disturbance"][1]))
     assert whole["limits"] is None
     assert enlarged["limits"] == list(drawn["disturbance"][1].axes[1].get_ylim())
     assert len(whole["lines"]) == len(enlarged["lines"]) == 3
@@ -260,20 +256,19 @@ def test_the_replay_shows_no_attitude_where_none_is_known():
     attitude = normal_run(10.0)["attitude"].copy()
     attitude[:3, 1] = np.nan, np.inf, 1e300
     run = with_columns(normal_run(10.0), attitude=attitude)
-    data = json.loads(re.search(r"json\">(.*)</script>", replay(Measured(run, PAPER)))[1])
-    shown = np.frombuffer(base64.b64decode(data["columns"]["attitude"]), "<f4").reshape(-1, 4)
+    shown = numbers_of(data_of(replay(Measured(run)))["columns"]["attitude"], 4)
     assert not shown[:3].any()
     assert shown[3:].any(axis=1).all()
 
 
 def test_the_replay_has_the_true_attitude_and_the_reference():
     run = normal_run(20.0)
-    data = json.loads(re.search(r"json\">(.*)</script>", replay(Measured(run, PAPER)))[1])
+    data = data_of(replay(Measured(run)))
     for name, column in (("attitude", "attitude"), ("reference", "reference_attitude")):
-        rows = np.frombuffer(base64.b64decode(data["columns"][name]), "<f4").reshape(-1, 4)
+        rows = numbers_of(data["columns"][name], 4)
         assert np.array_equal(rows, run[column][::2].astype("<f4"))
     assert data["torque_limit"] == 0.05
-    assert replay(Measured(without_columns(run, "attitude"), PAPER)) == ""
+    assert replay(Measured(without_columns(run, "attitude"))) == ""
 
 
 def test_whatever_comes_from_the_record_is_escaped(tmp_path, undrawn):
@@ -297,6 +292,7 @@ def test_whatever_comes_from_the_record_is_escaped(tmp_path, undrawn):
 def test_several_runs_are_compared(page_of_two):
     page, _ = page_of_two
     text = page.text
+    assert "ppc: 9 met of 9 requirements log_barrier: 1 NOT MET, 7 met of 8" in text
     assert "requirement ppc log_barrier limit" in text
     judged = "2.397 from 0 to 120 s ✓ met 4.962 from 0 to 120 s ✗ NOT MET"
     assert f"angular rate (norm) {judged} ≤ 3 deg/s" in text
@@ -304,6 +300,7 @@ def test_several_runs_are_compared(page_of_two):
     captions = [image["alt"] for image in page.images]
     assert captions[:2] == ["Pointing errors in the envelopes", "Angular velocities"]
     assert len(captions) == 2 + 8 + 6
+    assert text.count("No sudden disturbance.") == 2
 
 
 def test_a_comparison_tells_the_spans_and_no_number_where_none_is(tmp_path, undrawn):
