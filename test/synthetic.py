@@ -15,10 +15,14 @@
 """Records of runs that never were, with known truth: what the analysis is tested on."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from ppc_attitude.analysis.metrics import Verdict
+from ppc_attitude.analysis.verdict import Requirement
 from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.simulation.diagram import recorded_columns
@@ -156,6 +160,13 @@ def with_columns(run: RunRecord, **columns: Array) -> RunRecord:
     return replace(run, columns={**run.columns, **columns})
 
 
+def with_rows(run: RunRecord, column: str, instants: Any, values: ArrayLike) -> RunRecord:
+    """The run with other samples of a column at some of its instants."""
+    rows = run[column].copy()
+    rows[instants] = values
+    return with_columns(run, **{column: rows})
+
+
 def part_of(run: RunRecord, instants: slice | np.ndarray) -> RunRecord:
     """The run at some of its instants."""
     columns = {name: samples[instants] for name, samples in run.columns.items()}
@@ -165,3 +176,8 @@ def part_of(run: RunRecord, instants: slice | np.ndarray) -> RunRecord:
 def without_columns(run: RunRecord, *names: str) -> RunRecord:
     """The run without some columns."""
     return replace(run, columns={k: v for k, v in run.columns.items() if k not in names})
+
+
+def requirement(verdict: Verdict, key: str) -> Requirement:
+    """How a run came out by one requirement."""
+    return next(each for each in verdict.requirements if each.key == key)

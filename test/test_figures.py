@@ -26,6 +26,7 @@ from synthetic import (
     pulse_torque,
     times,
     with_columns,
+    with_rows,
     without_columns,
 )
 
@@ -331,9 +332,7 @@ def test_only_what_the_controller_has(normal):
 
 def test_an_envelope_that_is_zero_before_the_first_fix_takes_no_decades(normal):
     """The panel of a run with `initial_fix: false` reached down to 1e-16."""
-    rows = normal["attitude_envelope"].copy()
-    rows[:3] = 0.0
-    late = with_columns(normal, attitude_envelope=rows)
+    late = with_rows(normal, "attitude_envelope", slice(3), 0.0)
     figures = (error_figure(Measured(run), ENVELOPES[0]) for run in (normal, late))
     usual, found = (figure.axes[1].get_ylim()[0] for figure in figures)
     assert usual == found

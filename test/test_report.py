@@ -25,7 +25,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from conftest import nothing_drawn
-from synthetic import hit_run, normal_run, with_columns, without_columns
+from synthetic import hit_run, normal_run, with_columns, with_rows, without_columns
 
 from ppc_attitude.analysis.figures import figures_of
 from ppc_attitude.analysis.interactive import plotted, replay
@@ -135,9 +135,8 @@ def test_one_run(one, page_of_one):
 
 def test_one_name_means_one_number_and_says_over_which_part_it_is_taken(tmp_path, undrawn):
     run = hit_run()
-    rate = run["angular_velocity"].copy()
-    rate[9000] = np.deg2rad([0.0, 5.0, 0.0])
-    page, _ = report(tmp_path, with_columns(run, angular_velocity=rate))
+    fast = np.deg2rad([0.0, 5.0, 0.0])
+    page, _ = report(tmp_path, with_rows(run, "angular_velocity", 9000, fast))
     beside = "✓ met over the whole run 5 deg/s"
     assert f"angular rate (norm) 2.397 ≤ 3 deg/s 0 to 20 {beside}" in page.text
     outside = "outside its envelope 0 ≤ 0 s 0 to 20 ✓ met over the whole run 0.32 s"
@@ -253,9 +252,7 @@ def test_a_chart_has_the_envelopes_by_name_the_limits_of_the_drawing_and_no_mark
 
 @pytest.mark.filterwarnings("error")
 def test_the_replay_shows_no_attitude_where_none_is_known():
-    attitude = normal_run(10.0)["attitude"].copy()
-    attitude[:3, 1] = np.nan, np.inf, 1e300
-    run = with_columns(normal_run(10.0), attitude=attitude)
+    run = with_rows(normal_run(10.0), "attitude", (slice(3), 1), [np.nan, np.inf, 1e300])
     shown = numbers_of(data_of(replay(Measured(run)))["columns"]["attitude"], 4)
     assert not shown[:3].any()
     assert shown[3:].any(axis=1).all()
