@@ -16,6 +16,7 @@
 
 import base64
 import io
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -71,7 +72,7 @@ def configuration(parameters: Mapping[str, Mapping[str, Any]]) -> str:
     for node, values in parameters.items():
         units = {each.name: each.unit for each in PARAMETERS.get(node, ())}
         others = _not_run(node, values)
-        rows = [(k, f"{_plain(v)} {units.get(k, '')}") for k, v in values.items()]
+        rows = [(k, f"{_written(v)} {units.get(k, '')}") for k, v in values.items()]
         shown = pairs(row for row in rows if row[0] not in others)
         sections.append(f"<section><h3>{escape(node)}</h3>{shown}</section>")
     return f'<div class="columns">{"".join(sections)}</div>'
@@ -90,13 +91,9 @@ def _not_run(node: str, values: Mapping[str, Any]) -> set[str]:
     return others - own
 
 
-def _plain(value: Any) -> str:
-    """Write a parameter as in YAML."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_plain(each) for each in value) + "]"
-    return str(value)
+def _written(value: Any) -> str:
+    """Write a parameter as a reader may give it in YAML."""
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, default=str)
 
 
 def pairs(named: Iterable[tuple[str, str]]) -> str:

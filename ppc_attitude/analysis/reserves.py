@@ -55,13 +55,6 @@ def wheel_momentum(record: RunRecord) -> Array | None:
     return None
 
 
-def runs_out(shares: Array, t: Array) -> str:
-    """Say which wheel first has more than `RESERVE` of its largest speed, and when [s], if any."""
-    for first, wheel in np.argwhere(shares > RESERVE)[:1].tolist():
-        return f"wheel {wheel} is above it from {t[first]:.6g} s on: momentum runs out"
-    return ""
-
-
 def judge_wheels(run: Measured) -> Iterator[Requirement]:
     """Judge the wheels' momentum, and whether they could take it up."""
     if run.required.momentum is not None:
@@ -73,7 +66,10 @@ def judge_wheels(run: Measured) -> Iterator[Requirement]:
         shares, why = wheel_shares(run.record), run.changed(PLANT, wheels.MAX_SPEED.name)
         if shares is None and not why:
             why = f"no limits ({wheels.MAX_SPEED.name} of {PLANT}) on record"
-        note = "" if shares is None else runs_out(shares, run.t)
+        note = ""
+        if shares is not None and len(above := np.argwhere(shares > RESERVE)):
+            since, wheel = run.t[above[0, 0]], above[0, 1]
+            note = f"wheel {wheel} is above it from {since:.6g} s on: momentum runs out"
         yield run.row("wheel_speed", largest(shares), RESERVE, "", why, note=note)
 
 
