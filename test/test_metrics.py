@@ -80,25 +80,12 @@ def test_the_json_has_of_each_requirement_and_hit_what_the_reference_says():
     assert told["warnings"] == ["recording was cut"]
 
 
-def test_metrics_are_their_definitions():
-    run = normal_run(100.0, rate=10.0)
-    t = run.t
-    error = np.select([t <= 41.3, t < 60, t == 60, t < 80], [0.3, 1e-3, 4e-3, 2e-3], 3e-4)
-    run = with_columns(
-        constant_error(run, error),
-        angular_velocity=np.where(t[:, None] == 10.0, np.deg2rad([1.0, -2.0, 2.0]), 0.0),
-        applied_torque=np.where(t[:, None] == 0.5, [0.0, 0.0, -0.049], 0.0),
-        attitude_envelope=np.where(t[:, None] < 0.65, 0.29, 0.5) * np.ones((1, 3)),
-    )
-    metrics = Verdict(run).metrics
-    assert metrics.settling_time_s == 41.3
-    assert metrics.error_after_settling_deadline == pytest.approx(4e-3, rel=1e-12)
-    assert metrics.terminal_error == pytest.approx(3e-4, rel=1e-12)  # from 80 s on
-    assert metrics.max_rate_deg_s == pytest.approx(3.0, rel=1e-14)
-    assert metrics.max_rate_axis_deg_s == pytest.approx(2.0, rel=1e-14)
-    assert metrics.max_applied_torque == 0.049
-    assert metrics.time_outside_attitude_envelope_s == 0.7  # 0.0 to 0.6: seven samples
-    assert metrics.time_outside_rate_envelope_s == 0.0
+def test_rates_and_torques_are_the_largest():
+    run = with_rows(normal_run(1.0), "angular_velocity", 10, np.deg2rad([1.0, -3.0, 3.0]))
+    metrics = Verdict(with_rows(run, "applied_torque", 50, [0.0, 0.0, -0.06])).metrics
+    assert metrics.max_rate_deg_s == pytest.approx(np.sqrt(19.0), rel=1e-14)
+    assert metrics.max_rate_axis_deg_s == pytest.approx(3.0, rel=1e-14)
+    assert metrics.max_applied_torque == 0.06
 
 
 def test_time_counts_from_the_first_instant():
@@ -252,8 +239,6 @@ def test_the_table_tells_every_requirement():
     assert "settling time: a sudden disturbance at 20 s comes before the deadline" in table
     assert "at 80 s, (0.8, 0.8, 0.8) N·m for 0.1 s: recovered after 3." in table
     assert table.splitlines()[1].startswith("judged by `attitude`, which is the truth")
-    fast = with_columns(normal_run(10.0), angular_velocity=np.ones((1001, 3)))
-    assert "NOT MET" in verdict_table(Verdict(fast))
 
 
 @settings(max_examples=40, deadline=None)
