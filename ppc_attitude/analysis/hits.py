@@ -14,14 +14,14 @@
 
 """The sudden disturbances of a run: those that its external torque shows, and scheduled ones."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 
 import numpy as np
 
 from ppc_attitude.analysis.pulses import SMALLEST_STEP, Pulse, find_pulses
-from ppc_attitude.analysis.series import elapsed, has, step, vectors
-from ppc_attitude.contract.run_record import RunRecord
+from ppc_attitude.analysis.series import Mask, elapsed, has, step, vectors
+from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import DISTURBANCE, INJECTOR
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.kinds import ENVIRONMENTS
@@ -87,3 +87,9 @@ def scheduled(record: RunRecord) -> Iterator[Pulse]:
                 if 0 < end - first < t.size and any(torque):
                     duration = round(float(edges[end] - edges[first]), 9)
                     yield Pulse(float(t[first]), duration, tuple(torque))
+
+
+def window(t: Array, hit: Pulse, hits: Iterable[Pulse]) -> Mask:
+    """Instants from the start of a hit to that of the next, shape (n,)."""
+    following = min((each.start_s for each in hits if each.start_s > hit.start_s), default=np.inf)
+    return np.asarray((t >= hit.start_s) & (t < following))

@@ -14,7 +14,7 @@
 
 """The numbers of a run, from its record: what they are taken over, and what the record lacks."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from functools import cached_property
 from typing import Any
@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.analysis.envelopes import Envelope, beyond, bound_of, envelopes_of, outside
-from ppc_attitude.analysis.hits import pulses_of
+from ppc_attitude.analysis.hits import pulses_of, window
 from ppc_attitude.analysis.pulses import Pulse
 from ppc_attitude.analysis.requirements import (
     PAPER,
@@ -77,8 +77,6 @@ _NAMED = {
     RATE_ERROR.column: "time_outside_rate_envelope_s",
 }
 """Errors whose time outside is a metric of its own, whatever bounds them."""
-
-
 SUMMATION = 1e-12
 """Share of a limit by which a number may pass it: wheels' torques add up to the last bits."""
 
@@ -132,16 +130,16 @@ class Measured:
             )
             for pulse in pulses
         )
+        recoveries = [(hit.start_s, round(hit.start_s + required.recovery, 9)) for hit in self.hits]
         self.recoveries = tuple(
-            (hit.start_s, min(hit.start_s + required.recovery, self.end))
-            for hit in self.hits
-            if hit.start_s + required.recovery >= required.settling_deadline
+            (start, min(end, self.end))
+            for start, end in recoveries
+            if end >= required.settling_deadline
         )
         self.from_deadline = self.t >= required.settling_deadline
         self.settled = self.from_deadline.copy()
-        for hit in self.hits:
-            since = _since(self.t, hit.start_s)
-            self.settled &= ~((since >= 0.0) & (since <= required.recovery))
+        for start, end in self.recoveries:
+            self.settled &= (self.t < start) | (self.t > end)
         last_hit = max((hit.start_s for hit in self.hits), default=0.0)
         # As at the start, the scheme has the deadline after a hit to reach the terminal accuracy.
         self.terminal_from = round(
@@ -262,7 +260,8 @@ class Measured:
         after = np.flatnonzero(window(self.t, pulse, pulses) & np.isfinite(error))
         if after.size == 0 or error[after[-1]] >= limit:
             return None
-        above, since = after[error[after] >= limit], _since(self.t, pulse.start_s)
+        since = np.round(self.t - pulse.start_s, 9)  # in whole nanoseconds: 90 s − 80 s is 10 s
+        above = after[error[after] >= limit]
         if above.size:
             return float(since[above[-1]])
         # Before the end the error of a hit that has just come may still grow.
@@ -387,8 +386,7 @@ class Measured:
             ("control", "told against reference", self.control),
             ("knowledge", "truth against told", self.knowledge),
         ):
-            last = None if errors is None else Errors(errors.quaternions[self.last])
-            angles = np.empty(0) if last is None else np.rad2deg(last.angles)
+            angles = np.empty(0) if errors is None else np.rad2deg(errors.angles[self.last])
             angles = angles[np.isfinite(angles)]
             most = rms = None
             if angles.size:
@@ -397,14 +395,3 @@ class Measured:
                 most = rms = 0.0
             sizes.append(ErrorSize(name, meaning, most, rms, self.last_span))
         return tuple(sizes)
-
-
-def _since(t: Array, start: float) -> Array:
-    """Time since an instant [s], in whole nanoseconds: 90 s − 80 s is 10 s."""
-    return np.asarray(np.round(t - start, 9))
-
-
-def window(t: Array, hit: Pulse, hits: Sequence[Pulse]) -> Mask:
-    """Instants from the start of a hit to that of the next, shape (n,)."""
-    following = min((each.start_s for each in hits if each.start_s > hit.start_s), default=np.inf)
-    return np.asarray((t >= hit.start_s) & (t < following))

@@ -61,8 +61,9 @@ from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import judge_filter
 from ppc_attitude.analysis.flight import judge_orders
 from ppc_attitude.analysis.guarantee import judge_certificate
+from ppc_attitude.analysis.hits import window
 from ppc_attitude.analysis.keep_out import judge_cones
-from ppc_attitude.analysis.measure import Measured, window
+from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Accuracy, Requirements, outside_names
 from ppc_attitude.analysis.reserves import judge_fuel, judge_wheels
 from ppc_attitude.analysis.series import has, largest, zero_ns
