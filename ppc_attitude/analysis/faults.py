@@ -50,15 +50,11 @@ class Acting(NamedTuple):
 @once
 def faults_of(record: RunRecord) -> tuple[Acting, ...]:
     """Faults that acted, by their start; spans of one that touch are one."""
-    first, last = int(record.stamps_ns[0]), int(record.stamps_ns[-1])
-    given = [(first, fault_texts(record.parameters.get(PLANT, {})))]
-    for change in record.changes:
-        if (change.node, change.name) == (PLANT, FAULTS.name):
-            since = min(max(change.stamp_ns, first), last)
-            given.append((since, fault_texts({FAULTS.name: change.value})))
+    changes = (each for each in record.changes if each[1:3] == (PLANT, FAULTS.name))
     found: dict[str, list[tuple[int, int]]] = {}
-    for (since, texts), (until, _) in pairwise([*given, (last, [])]):
-        known = texts[:MOST_FAULTS]  # nobody runs with more
+    for part, told in record.stretches(changes):
+        known = fault_texts(told.get(PLANT, {}))[:MOST_FAULTS]  # nobody runs with more
+        since, until = record.stamps_ns.take([part.start, part.stop], mode="clip").tolist()
         times = sorted({since, until, *(t for t in _times(known) if since < t < until)})
         for begin, end in pairwise(times):
             for what in acting_of(known, begin):
