@@ -27,11 +27,11 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.series import elapsed, has, is_finite, samples
+from ppc_attitude.analysis.series import elapsed, has, is_finite, known, samples
 from ppc_attitude.analysis.truth import knowledge_errors
 from ppc_attitude.analysis.verdict import Requirement
 from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.contract.topics import ATTITUDE, ESTIMATOR, TRUE_ATTITUDE
+from ppc_attitude.contract.topics import ESTIMATOR, TRUE_ATTITUDE
 from ppc_attitude.science.attitude import conjugate, logarithm, product
 from ppc_attitude.science.sensors.star_tracker import MOUNTING
 
@@ -97,23 +97,17 @@ def sigmas_of(record: RunRecord, variances: list[int]) -> Array:
 
 def _outside(record: RunRecord, sigmas: float) -> float | None:
     """Largest share of the instants that any axis is outside so many σ."""
-    t = elapsed(record)
-    first = int(np.searchsorted(t, SETTLED))
-    if first == t.size or not has(record, TRUE_ATTITUDE.column) or not has(record, ATTITUDE.column):
+    errors, first = known(knowledge_errors, record), int(np.searchsorted(elapsed(record), SETTLED))
+    if errors is None:
         return None
+    halves = errors.quaternions.T[:3, first:]
+    variances = record[_ESTIMATE].T[ATTITUDE_VARIANCES, first:]
+    told = is_finite(record, _ESTIMATE)[first:] & (variances > 0.0).all(axis=0)
+    told &= np.isfinite(halves).all(axis=0)
     # A rotation vector of a small angle is twice the vector part of its quaternion.
-    halves = knowledge_errors(record).quaternions[first:].T[:3]
-    variances = [record[_ESTIMATE][first:, place] for place in ATTITUDE_VARIANCES]
-    known = np.isfinite(halves).all(axis=0) & is_finite(record, _ESTIMATE)[first:]
-    known &= np.logical_and.reduce([each > 0.0 for each in variances])
-    count = np.count_nonzero(known)
-    if not count:
-        return None
-    outside = (
-        np.count_nonzero(known & (4.0 * half * half > sigmas**2 * variance))
-        for half, variance in zip(halves, variances, strict=True)
-    )
-    return float(max(outside) / count)
+    beyond = 4.0 * halves * halves > sigmas**2 * variances
+    outside = max(np.count_nonzero(told & axis) for axis in beyond)
+    return float(outside / np.count_nonzero(told)) if told.any() else None
 
 
 def _is_good(record: RunRecord, settings: Any, row: int) -> bool:
