@@ -43,18 +43,13 @@ class Page(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
-        self.open, self.words, self.images, self.attributes, self.tags = [], [], [], [], []
-        self.scripts, self.code = [], ""
+        self.open, self.words, self.attributes, self.tags, self.code = [], [], [], [], ""
         self.feed(text)
         assert self.open == []
 
     def handle_starttag(self, tag, attrs):
         self.tags.append(tag)
         self.attributes += attrs
-        if tag == "script":
-            self.scripts.append((tag, attrs))
-        if tag == "img":
-            self.images.append(dict(attrs))
         if tag not in VOID:
             self.open.append(tag)
 
@@ -66,6 +61,10 @@ class Page(HTMLParser):
             self.code += data
         elif not self.open or self.open[-1] != "style":
             self.words.append(data)
+
+    def all(self, attribute):
+        """What every tag that has an attribute says there."""
+        return [value for name, value in self.attributes if name == attribute]
 
     @property
     def text(self):
@@ -118,9 +117,7 @@ def test_one_run(one, page_of_one):
         told = f"{row.name} {row.value_text} {row.limit_text} {row.span_text} {mark} {row.note}"
         assert told.strip() in page.text
     assert "ppc: 1 NOT MET, 2 not judged, 8 met of 11 requirements" in page.text
-    assert [image["alt"] for image in page.images] == [
-        caption for caption, _ in figures_of(Measured(run)).values()
-    ]
+    assert page.all("alt") == [caption for caption, _ in figures_of(Measured(run)).values()]
     assert "the clock jumped" in page.text
     assert "missing of torque_command 2" in page.text
     assert "80 0.1 0.8, 0.8, 0.8 recovered after 3.41 s recovery" in page.text
@@ -203,9 +200,8 @@ def test_page_and_verdict_tell_one_start_and_torque_of_a_hit(tmp_path, undrawn):
 def test_nothing_comes_from_outside(page_of_two):
     page, text = page_of_two
     assert not {"link", "iframe", "object"} & set(page.tags)
-    assert "src" not in {name for tag, attrs in page.scripts for name, _ in attrs}
-    assert all(image["src"].startswith("data:image/svg+xml;base64,") for image in page.images)
-    assert [name for name, _ in page.attributes if name in ("href", "srcset")] == []
+    assert all(each.startswith("data:image/svg+xml;base64,") for each in page.all("src"))
+    assert page.all("href") == page.all("srcset") == []
     assert "@import" not in text
     assert "url(" not in text
     assert not re.search(r"fetch\(|XMLHttpRequest|WebSocket|import\(", page.code)
@@ -217,9 +213,9 @@ def test_the_page_is_the_same_each_time_and_every_image_a_whole_drawing(tmp_path
     run = without_columns(run, *(run.columns.keys() - drawn))
     page, text = report(tmp_path, run)
     assert text == report(tmp_path, run)[1]
-    assert page.images
-    for image in page.images:
-        drawing = base64.b64decode(image["src"].split(",")[1])
+    assert page.all("src")
+    for image in page.all("src"):
+        drawing = base64.b64decode(image.split(",")[1])
         root = ElementTree.fromstring(drawing)
         assert root.tag.endswith("svg")
         outside = re.findall(rb'xlink:href="([^#"][^"]*)"', drawing)
@@ -294,7 +290,7 @@ def test_several_runs_are_compared(page_of_two):
     judged = "2.397 from 0 to 120 s ✓ met 4.962 from 0 to 120 s ✗ NOT MET"
     assert f"angular rate (norm) {judged} ≤ 3 deg/s" in text
     assert re.search(r"rate error outside its envelope 0 from 0 to 120 s ✓ met – ≤ 0 s", text)
-    captions = [image["alt"] for image in page.images]
+    captions = page.all("alt")
     assert captions[:2] == ["Pointing errors in the envelopes", "Angular velocities"]
     assert len(captions) == 2 + 8 + 6
     assert text.count("No sudden disturbance.") == 2
