@@ -169,36 +169,32 @@ def test_one_sample_is_a_run():
     assert verdict.metrics.time_pointing_outside_attitude_envelope_s is None
 
 
+LIMITS = "limits (wheels.max_speed"
+TANK = "tank (thrusters.fuel"
+
+
 @pytest.mark.parametrize(
-    "plant", [{}, *({"wheels.max_speed": each} for each in ([], "fast", [628.3] * 9))]
+    ("key", "what", "plant"),
+    [
+        ("wheel_speed", LIMITS, {}),
+        *(("wheel_speed", LIMITS, {"wheels.max_speed": x}) for x in ([], "fast", [628.3] * 9)),
+        ("fuel", TANK, {}),
+        *(("fuel", TANK, {"thrusters.fuel": x}) for x in ("full", math.nan)),
+    ],
 )
-def test_wheels_whose_limits_nobody_can_read_are_not_judged(plant):
-    speeds = np.full((normal_run().stamps_ns.size, 4), 600.0)
-    run = with_columns(normal_run(), wheel_speed=speeds)
-    verdict = Verdict(replace(run, parameters={"spacecraft_plant": plant}))
-    judged = requirement(verdict, "wheel_speed")
-    why = "no limits (wheels.max_speed of spacecraft_plant) on record"
-    assert (judged.met, judged.reason) == (None, why)
-    assert "wheel_speed" not in {each.key for each in Verdict(normal_run()).requirements}
-
-
-@pytest.mark.parametrize("plant", [{}, {"thrusters.fuel": "full"}, {"thrusters.fuel": math.nan}])
-def test_fuel_of_a_tank_that_nobody_can_read_is_not_judged(plant):
-    run = with_columns(normal_run(), fuel_used=np.ones((normal_run().stamps_ns.size, 1)))
-    verdict = Verdict(replace(run, parameters={"spacecraft_plant": plant}))
-    judged = requirement(verdict, "fuel")
-    why = "no tank (thrusters.fuel of spacecraft_plant) on record"
-    assert (judged.met, judged.limit, judged.reason) == (None, 0.0, why)
+def test_what_nobody_can_read_of_the_plant_is_not_judged(key, what, plant):
+    rows = np.full((12001, 4), 600.0)
+    run = with_columns(normal_run(), wheel_speed=rows, fuel_used=rows[:, :1])
+    judged = requirement(Verdict(replace(run, parameters={"spacecraft_plant": plant})), key)
+    assert (judged.met, judged.reason) == (None, f"no {what} of spacecraft_plant) on record")
 
 
 def test_verdict_says_when_the_wheels_momentum_ran_out():
     t = normal_run().t
     speeds = np.outer(t, [0.0, -6.0, 5.0, 0.0])
-    plant = {"wheels.max_speed": [600.0]}
-    run = replace(
-        with_columns(normal_run(), wheel_speed=speeds), parameters={"spacecraft_plant": plant}
-    )
-    judged = requirement(Verdict(run), "wheel_speed")
+    run = with_columns(normal_run(), wheel_speed=speeds)
+    plant = {"spacecraft_plant": {"wheels.max_speed": [600.0]}}
+    judged = requirement(Verdict(replace(run, parameters=plant)), "wheel_speed")
     full = t[6.0 * t > 0.99 * 600.0][0]
     assert not judged.met
     assert judged.note == f"wheel 1 is above it from {full:g} s on: momentum runs out"
