@@ -140,10 +140,10 @@ class Measured:
         self.settled = self.from_deadline.copy()
         for start, end in self.recoveries:
             self.settled &= (self.t < start) | (self.t > end)
-        last_hit = max((hit.start_s for hit in self.hits), default=0.0)
+        self.last_hit = max((hit.start_s for hit in self.hits), default=0.0)
         # As at the start, the scheme has the deadline after a hit to reach the terminal accuracy.
         self.terminal_from = round(
-            last_hit + required.settling_deadline + required.terminal_window, 9
+            self.last_hit + required.settling_deadline + required.terminal_window, 9
         )
         self.last_span = (max(self.end - required.terminal_window, self.known_from), self.end)
         self.last = self.t >= np.round(self.end - required.terminal_window, 9)

@@ -248,8 +248,7 @@ class Verdict(Measured):
 
     def _terminal(self, accuracy: Accuracy) -> Requirement:
         last, deadline = self.required.terminal_window, self.required.settling_deadline
-        since = max((hit.start_s for hit in self.hits), default=0.0)
-        start = f"the sudden disturbance at {since:g} s" if since else "the start"
+        start = f"the sudden disturbance at {self.last_hit:g} s" if self.last_hit else "the start"
         what = f"{last:g} s that begin {deadline:g} s after {start} are over"
         begins = ""
         if self.shorter_than_window:
