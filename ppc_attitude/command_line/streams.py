@@ -14,46 +14,9 @@
 
 """Standard output and error as they may be: closed, full, or of few letters."""
 
-import codecs
 import io
 import os
 import sys
-import unicodedata
-
-# What a terminal without a letter shows in its place.
-_INSTEAD = {
-    "≤": "<=",
-    "≥": ">=",
-    "≈": "~",
-    "·": "*",
-    "–": "-",
-    "−": "-",
-    "…": "...",
-    "°": "deg",
-    "²": "^2",
-    "³": "^3",
-    "×": "x",
-    "±": "+/-",
-    "√": "sqrt",
-    "∞": "inf",
-    "‖": "||",
-    "\u0304": "_bar",  # over the letter before it
-}
-
-
-def _word(letter: str) -> str:
-    if letter in _INSTEAD:
-        return _INSTEAD[letter]
-    kind, _, name = unicodedata.name(letter, "").partition(" LETTER ")
-    if kind.startswith("GREEK"):
-        return name.lower() if kind.endswith("SMALL") else name.capitalize()
-    return f"\\u{ord(letter):04x}"
-
-
-def _spelt(error: UnicodeError) -> tuple[str, int]:
-    assert isinstance(error, UnicodeEncodeError)
-    letters = error.object[error.start : error.end]
-    return "".join(map(_word, letters)), error.end
 
 
 class _Forgiving(io.TextIOWrapper):
@@ -70,20 +33,20 @@ def prepare_streams() -> None:
     """Let this process write whatever its output and error are.
 
     A closed one becomes `/dev/null`: else the next file that is opened takes its place, and gets
-    what was to be said. Standard error never fails; standard output does, for results count.
+    what was to be said. Standard error never fails; standard output does, for results count. Where
+    the encoding lacks a letter, its code stands.
     """
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # the lowest number that is free: this one
-    codecs.register_error("ppc_attitude", _spelt)
     sys.stdout = sys.stdout or os.fdopen(1, "w", encoding="utf-8", closefd=False)
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="ppc_attitude")
+        sys.stdout.reconfigure(errors="backslashreplace")
     error = os.fdopen(2, "wb", buffering=0, closefd=False)
     encoding = sys.stderr.encoding if sys.stderr else "utf-8"
-    sys.stderr = _Forgiving(error, encoding, "ppc_attitude", write_through=True)
+    sys.stderr = _Forgiving(error, encoding, "backslashreplace", write_through=True)
 
 
 def give_up_output() -> None:
