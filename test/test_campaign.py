@@ -318,13 +318,6 @@ def test_memory_does_not_grow_with_the_runs(tmp_path: Path, start_process: Start
     assert many - few < 8 * 1024  # the rows alone of 4500 runs are more than 20 MiB
 
 
-@pytest.mark.parametrize("wrong", [{"runs": 0}, {"runs": 1, "workers": 0}])
-def test_counts_below_one_are_refused(tmp_path: Path, wrong: dict[str, Any]) -> None:
-    with pytest.raises(ConfigurationError, match=r"(runs|workers) = 0; allowed: ≥ 1"):
-        run_campaign(small(), folder=tmp_path / "c", **wrong)
-    assert not (tmp_path / "c").exists()
-
-
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="exists already and is not overwritten"):
         run_campaign(small(), 1, tmp_path, workers=1)

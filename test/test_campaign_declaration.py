@@ -205,17 +205,6 @@ def test_a_fault_may_multiply_a_noise_that_the_campaign_alone_draws(
         scenario_of_run(campaign(given, base(), 0), 0)
 
 
-@pytest.mark.parametrize("seed", [-1, 2**63])
-def test_a_seed_out_of_range_is_refused(seed: int) -> None:
-    with pytest.raises(ConfigurationError, match=r"seed = .*; allowed: 0 to"):
-        campaign({}, base(), seed)
-
-
-def test_an_index_below_zero_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match="index = -1; allowed: ≥ 0"):
-        scenario_of_run(campaign({}, base(), 0), -1)
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -28,7 +28,6 @@ from ppc_attitude.campaign.quantile_bands import QuantileBands, time_bins
 from ppc_attitude.campaign.results import Results
 from ppc_attitude.campaign.rows import Outcome, broken
 from ppc_attitude.campaign.summary import Summary
-from ppc_attitude.science.errors import ConfigurationError
 
 LARGEST_CHUNK = 16
 """Runs that a worker computes at a time: seconds, so that little is lost with a worker."""
@@ -77,11 +76,11 @@ def run_campaign(
     campaign : Campaign
         What to run.
     runs : int
-        How many runs, with indices from 0.
+        How many runs, with indices from 0; at least one.
     folder : Path
         A folder that does not exist yet.
     workers : int, optional
-        Processes on this machine; default one a core.
+        Processes on this machine, at least one; default one a core.
     scheduler : str, optional
         Address of a Dask scheduler to run on instead.
     progress : callable, optional
@@ -99,13 +98,10 @@ def run_campaign(
     Raises
     ------
     ConfigurationError
-        A number is wrong, the folder exists, no scheduler answers, or a package is missing.
+        The folder exists, no scheduler answers, or a package is missing.
     CampaignError
         The campaign could not go on; the runs done until then are in the folder.
     """
-    for name, value in (("runs", runs), ("workers", workers)):
-        if value is not None and value < 1:
-            raise ConfigurationError(f"{name} = {value}; allowed: ≥ 1")
     _, ends = time_bins(campaign.stamps_ns)
     finished = Finished(
         folder, runs, Summary(campaign.required, campaign.variables), QuantileBands(ends)

@@ -150,7 +150,7 @@ def rerun(campaign: Campaign, index: int) -> Verdict:
     Raises
     ------
     ConfigurationError
-        The index is negative, or what was drawn is impossible.
+        What was drawn is impossible.
     AnalysisError
         The run cannot be judged.
     """
