@@ -17,7 +17,6 @@
 import json
 import os
 import signal
-import sys
 import threading
 from collections import Counter
 from concurrent.futures import Future
@@ -29,19 +28,16 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from campaign_helpers import RUNS, VARIES, files_of, finish, rows_of, run_one, small
-from conftest import StartProcess
-from craft_helpers import ROOT
-from process_helpers import PATIENCE, workers_of
+from process_helpers import workers_of
 
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import PAPER, Requirements, names_of
 from ppc_attitude.analysis.truth import pointing_errors
-from ppc_attitude.campaign import rows
+from ppc_attitude.campaign import results, rows
 from ppc_attitude.campaign.campaign import Finished, outcomes, run_campaign
 from ppc_attitude.campaign.declaration import Campaign, campaign, draw, scenario_of_run
 from ppc_attitude.campaign.pools import WorkerLostError
 from ppc_attitude.campaign.quantile_bands import QUANTITIES
-from ppc_attitude.campaign.results import BATCH
 from ppc_attitude.campaign.rows import CampaignError, Outcome, rerun, row_types, run_chunk
 from ppc_attitude.campaign.variables import varying
 from ppc_attitude.contract.topics import PLANT, REFERENCE
@@ -291,31 +287,18 @@ def test_a_broken_progress_leaves_whole_files(tmp_path: Path) -> None:
     assert [row["index"] for row in rows_of(tmp_path / "c")] == [0]
 
 
-_GROWTH = f"""
-import resource, sys
-sys.path.insert(0, {str(ROOT / "test")!r})
-from dataclasses import replace
-from pathlib import Path
-from campaign_helpers import small
-from ppc_attitude.campaign.campaign import run_campaign
+def test_rows_are_written_while_the_campaign_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its memory does not grow with the number of runs."""
+    monkeypatch.setattr(results, "BATCH", 10)
+    growing, sizes = tmp_path / "c" / "runs.parquet.unfinished", set[int]()
 
-if __name__ == "__main__":
-    for runs in ({3 * BATCH // 2}, {6 * BATCH}):
-        run_campaign(small(0.2), runs, Path(sys.argv[1]) / str(runs))
-        print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
-"""
+    def look(done: int, total: int) -> None:
+        sizes.add(growing.stat().st_size)
 
-
-@pytest.mark.long
-def test_memory_does_not_grow_with_the_runs(tmp_path: Path, start_process: StartProcess) -> None:
-    script = tmp_path / "growth.py"
-    script.write_text(_GROWTH, encoding="utf-8")
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    process = start_process([sys.executable, str(script), str(tmp_path)], env=environment)
-    output, errors = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0, errors
-    few, many = map(int, output.split())  # [KiB]
-    assert many - few < 8 * 1024  # the rows alone of 4500 runs are more than 20 MiB
+    run_campaign(small(0.2), 40, tmp_path / "c", workers=1, progress=look)
+    assert len(sizes) == 5
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
