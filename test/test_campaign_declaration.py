@@ -135,10 +135,6 @@ def test_every_node_with_noise_has_the_seed_of_the_run() -> None:
             "rate_noise.low = 0; allowed: > 0 for log_uniform",
         ),
         (
-            {"rate_noise": {"distribution": "log_uniform", "low": 1e-310, "high": 0.1}},
-            r"rate_noise.low = 1e-310; allowed: from 1e-300 of high = 0\.1 for log_uniform on",
-        ),
-        (
             {"rate_noise": {"distribution": "normal", "mean": 0.1, "deviation": 0.1}},
             "rate_noise can become -inf; allowed: ≥ 0",
         ),
@@ -163,11 +159,7 @@ def test_every_node_with_noise_has_the_seed_of_the_run() -> None:
         ({"initial_rate": {}}, "initial_rate.magnitude = None; allowed: a finite number"),
         (
             {"initial_rate": {"magnitude": 0.1, "direction": [0, 0, 0]}},
-            r"initial_rate.direction = \[0, 0, 0\] has no direction",
-        ),
-        (
-            {"initial_rate": {"magnitude": 0.1, "direction": [1e-160, 0, 0]}},
-            r"\[1e-160, 0, 0\] has no direction; allowed: a length from 1e-30 to 1e\+30",
+            r"initial_rate.direction has \[0.0, 0.0, 0.0\], which is no direction; allowed: a",
         ),
         (
             {"initial_rate": {"magnitude": 0.1, "direction": "up"}},

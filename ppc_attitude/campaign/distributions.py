@@ -38,12 +38,11 @@ from numpy.random import Generator
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.science.attitude import normalised, product
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.guidance.cones import unit_vector
 from ppc_attitude.science.guidance.rotation import about
 from ppc_attitude.science.kernel import Quaternion, Vector
-from ppc_attitude.science.parameter import LARGEST, exact_text
+from ppc_attitude.science.parameter import exact_text
 
-_LEAST_RATIO = 1e-300  # of low to high; a quotient beyond any float would make every draw high
-_SHORTEST = 1.0 / LARGEST  # the square of a much shorter length loses its digits
 _LEAST_SHARE = 1e-3  # of a cut normal distribution that must remain: it is drawn by rejection
 
 
@@ -172,11 +171,8 @@ def _read_number(name: str, declared: Any) -> Number:
     if kind in ("uniform", "log_uniform"):
         low, high = _fields(name, declared, "low", "high")
         _check_order(name, low, high)
-        if kind == "log_uniform" and low <= 0.0:
+        if kind == "log_uniform" and not (low > 0.0 and high / low < math.inf):
             raise ConfigurationError(f"{name}.low = {low:g}; allowed: > 0 for log_uniform")
-        if kind == "log_uniform" and low < _LEAST_RATIO * high:
-            least = f"{_LEAST_RATIO:g} of high = {high:g} for log_uniform"
-            raise ConfigurationError(f"{name}.low = {low:g}; allowed: from {least} on")
         drawn = _log_uniform if kind == "log_uniform" else _uniform
         return Number(low, high, partial(drawn, low, high))
     if kind == "normal":
@@ -221,12 +217,8 @@ def direction(name: str, declared: Any) -> Direction:
         return on_sphere
     if not isinstance(declared, list) or len(declared) != 3:
         raise ConfigurationError(f"{name} = {declared!r}; allowed: sphere, or three numbers")
-    x, y, z = (_finite(name, each) for each in declared)
-    length = math.sqrt(x * x + y * y + z * z)
-    if not _SHORTEST <= length <= LARGEST:
-        allowed = f"a length from {_SHORTEST:g} to {LARGEST:g}"
-        raise ConfigurationError(f"{name} = {declared} has no direction; allowed: {allowed}")
-    return partial(_given, (x / length, y / length, z / length))
+    x, y, z = unit_vector(name, [_finite(name, each) for each in declared]).tolist()
+    return partial(_given, (x, y, z))
 
 
 def attitudes(name: str, declared: Any) -> Attitudes:
