@@ -26,6 +26,7 @@ from ppc_attitude.campaign.declaration import Campaign, campaign, load_campaign
 from ppc_attitude.campaign.pools import cores, threads
 from ppc_attitude.campaign.tuning import Tuned, tuned
 from ppc_attitude.command_line.memory import check_memory
+from ppc_attitude.command_line.parameter_file import overlay
 from ppc_attitude.command_line.stopping import stoppable
 from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.contract.whole_file import write_whole
@@ -96,7 +97,5 @@ def _told(found: Tuned, law: str) -> list[str]:
 
 def _file(found: Tuned, scenario: Scenario, lines: list[str]) -> str:
     """Overlay with the gains; the comment at its top says how they were judged."""
-    head = [f"# Gains by search: {WRITTEN}", *(f"# {line}" for line in lines)]
-    body = [f"    {name}: {value!r}" for name, value in found.gains.items()]
-    law = f"    controller: {scenario.controller.name}"
-    return "\n".join([*head, f"/**/{CONTROLLER}:", "  ros__parameters:", law, *body]) + "\n"
+    law = {"controller": scenario.controller.name, **found.gains}
+    return overlay([f"Gains by search: {WRITTEN}", *lines], {CONTROLLER: law})

@@ -17,7 +17,7 @@
 import json
 import shlex
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import yaml
@@ -49,6 +49,11 @@ def ros_parameters(nodes: Mapping[str, Mapping[str, Any]]) -> str:
         for node, values in nodes.items()
     }
     return yaml.safe_dump(content, default_flow_style=None, sort_keys=False, allow_unicode=True)
+
+
+def overlay(comment: Iterable[str], nodes: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return parameters by node as a ROS parameter file with a comment of some lines at its top."""
+    return "".join(f"# {line}\n" for line in comment) + ros_parameters(nodes)
 
 
 def run_info(nodes: Mapping[str, Mapping[str, Any]]) -> str:

@@ -39,7 +39,7 @@ from ppc_attitude.command_line.options import (
     scenario_of,
     see_that_none_is_idle,
 )
-from ppc_attitude.command_line.parameter_file import ros_parameters
+from ppc_attitude.command_line.parameter_file import overlay
 from ppc_attitude.command_line.paths import new_folder, see_that_it_may_go
 from ppc_attitude.command_line.stopping import stop_on_signals, stoppable
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
@@ -65,7 +65,7 @@ EXAMPLES = (
     "ppc_attitude falsify --controller ppc --goal attitude_error --seconds 60 --out search",
 )
 WORST = "worst.yaml"
-_HEAD = "# Overlay: the worst case of"
+_HEAD = "Overlay: the worst case of"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -221,9 +221,9 @@ def _disturbance(arguments: argparse.Namespace, scenario: Scenario) -> float:
 def _file(space: Space, goal: Goal, found: Found, controller: str | None) -> str:
     """Overlay of the worst case, with the law if an option chose it."""
     text = goal.text(found.value, space.duration)
-    head = f"{_HEAD} {found.runs} runs, {goal.name}: {text}.\n"
     law = {CONTROLLER: {"controller": controller}} if controller else {}
-    return head + ros_parameters({**space.choice(found.x), **law})
+    told = f"{_HEAD} {found.runs} runs, {goal.name}: {text}."
+    return overlay([told], {**space.choice(found.x), **law})
 
 
 @contextmanager
