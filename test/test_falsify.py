@@ -35,7 +35,7 @@ from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT,
 from ppc_attitude.falsify.goals import Goal, goal_of
 from ppc_attitude.falsify.search import HISTORY, Found, Search, evaluated
 from ppc_attitude.falsify.space import Space
-from ppc_attitude.processes.exits import BAD_INPUT, BROKEN
+from ppc_attitude.processes.exits import BROKEN
 from ppc_attitude.science.actuators import ideal
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee.surroundings import inertia_error
@@ -150,20 +150,6 @@ def test_an_interrupted_search_says_so_and_what_has_not_settled(
     assert "settling: not settled at 5 s" in (tmp_path / "worst.yaml").read_text()
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        "--after 1",
-        "--goal terminal --after 1",
-        "--goal rate --accuracy 0.1",
-        "--pieces 0 --disturbance 0.01",
-    ],
-)
-def test_an_option_that_would_do_nothing_is_refused(words: str, tmp_path: Path, ask: Ask) -> None:
-    told = ask("falsify", f"--out={tmp_path}", *words.split(), code=BAD_INPUT).err
-    assert "here it would do nothing" in told
-
-
 def test_the_worst_case_is_a_configuration_that_gives_the_value(tmp_path: Path, ask: Ask) -> None:
     overlays = [f"--config={path}" for path in configs("paper", "guaranteed")]
     bounds = ["--runs=40", "--pieces=3", f"--out={tmp_path}", "--duration=30", "--goal=terminal"]
@@ -195,13 +181,6 @@ def test_the_environment_knows_the_inertia_of_the_worst_case(tmp_path: Path, ask
     worst = load([*orbit, tmp_path / "worst.yaml"]).parameters
     assert worst[PLANT]["inertia"] == worst[INJECTOR]["inertia"] != worst[CONTROLLER]["inertia"]
     assert "*id" not in (tmp_path / "worst.yaml").read_text()  # ROS reads no aliases
-
-
-def test_a_limit_is_told_as_it_was_meant(tmp_path: Path, ask: Ask) -> None:
-    """Of a certificate for 3°/s it was 3.0000000000000004."""
-    told = ["--goal=rate", "--duration=1", "--runs=1", "--pieces=0", f"--out={tmp_path}", "--json"]
-    law = [f"--config={path}" for path in configs("paper", "guaranteed")]
-    assert ask("falsify", *law, *told).json["limit"] == 3.0
 
 
 def test_an_option_that_chose_the_law_is_in_the_worst_case(tmp_path: Path, ask: Ask) -> None:

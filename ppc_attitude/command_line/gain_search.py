@@ -82,8 +82,6 @@ def _campaign(arguments: argparse.Namespace, scenario: Scenario) -> Campaign:
 def _told(found: Tuned, law: str) -> list[str]:
     median, worst = found.settling
     times = f"median {median:.1f} s, worst {worst:.1f} s" if math.isfinite(worst) else "not all"
-    if worst == 0.0:  # as with `mode: goal`, which begins where the craft is
-        times = "all from the start on, so that no run shows how fast the law settles"
     gains = ", ".join(f"{name} = {gain!r}" for name, gain in found.gains.items())
     return [
         f"{law}: the best of {found.candidates} sets of gains: {gains}",
