@@ -239,26 +239,16 @@ def test_command_gives_the_campaign(finished: Finished, tmp_path: Path, ask: Ask
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_names_that_begin_with_a_dash_can_be_run_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Ask
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    written(tmp_path)
-    Path("config.yaml").rename("-config.yaml")
-    Path("-slow.yaml").write_text("rate: 0.01\n", encoding="utf-8")
-    files = ["--config=-config.yaml", "--requirements=-slow.yaml", "--campaign=campaign.yaml"]
-    ask("campaign", *files, "--runs=1", "--report=report.html", code=1)
-    page = Path("report.html").read_text(encoding="utf-8")
+def test_command_runs_one_again(finished: Finished, tmp_path: Path, ask: Ask) -> None:
+    slow, report = tmp_path / "slow.yaml", tmp_path / "report.html"
+    slow.write_text("rate: 0.01\n", encoding="utf-8")
+    given = written(tmp_path)
+    options = ["--requirements", slow, "--runs", 1, "--out", tmp_path / "out", "--report", report]
+    ask(*given, *options, code=1)
+    page = report.read_text(encoding="utf-8")
     _, *command = shlex.split(unescape(page.split("<code>")[1].split("</code>")[0]))
     ask(*command, code=1)
-
-
-def test_command_runs_one_again(finished: Finished, tmp_path: Path, ask: Ask) -> None:
-    slow = tmp_path / "slow.yaml"
-    slow.write_text("rate: 0.01\n", encoding="utf-8")
-    only = [*written(tmp_path), "--only", 9, "--json"]
-    ask(*only, "--requirements", slow, code=1)
-    told = ask(*only).json
+    told = ask(*given, "--only", 9, "--json").json
     row = rows_of(finished.folder)[9]
     for name in ("max_rate_deg_s", "max_applied_torque", "settling_time_s"):
         assert told["metrics"][name] == row[name]

@@ -30,9 +30,7 @@ from ppc_attitude.command_line.environment_load import environment_torque, wheel
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.conditions import Condition, advisable
 from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND
-from ppc_attitude.science.kinds import ENVIRONMENTS, PLANTS
-from ppc_attitude.science.multibody import COUPLING
-from ppc_attitude.science.plants import rigid_body
+from ppc_attitude.science.kinds import ENVIRONMENTS
 from ppc_attitude.simulation.closed_loop import first_instant, simulate
 from ppc_attitude.simulation.scenario import Scenario, load
 
@@ -147,13 +145,6 @@ def test_an_actuator_is_measured_by_the_environment_that_there_is(tmp_path: Path
     assert told_by_check(ask, craft, calm)["torque authority"]["limit"] == 0.0
 
 
-def test_a_bound_without_end_is_no_number_in_json(tmp_path: Path, ask: Ask) -> None:
-    blind = overlay(tmp_path / "blind.yaml", {CONTROLLER: {"momentum_tube.e_A": 3e7}})
-    files = [*configs("paper", "guaranteed_ahead"), blind]
-    told = ask("check", *(f"--config={each}" for each in files), "--json", code=1).json
-    assert any(None in each["left"] and not each["holds"] for each in told["inequalities"])
-
-
 def test_a_dead_zone_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:
     assert not warned(cubesat)
     coarse = cubesat.with_values(PLANT, min_torque=1e-4)  # the paper's, of an actuator 25 × weaker
@@ -246,16 +237,6 @@ def test_a_loop_that_swings_because_modes_follow_later_is_warned_of(
     assert bool(warned(loop)) == swings
     torque = np.abs(simulate(loop, 120.0)["torque_command"][-500:])
     assert bool(torque.max() > 0.02) == swings  # the environment has up to 4.4 mN·m
-
-
-def test_a_plant_of_somebody_elses_with_modes_may_have_any_record(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    given = rigid_body.COMPONENT.extended("flexible", parameters=(COUPLING,), step=print)
-    bending = case("flexible")
-    ours = conditions(bending)["answer to z2"]
-    monkeypatch.setitem(PLANTS.components, "flexible", given)
-    assert conditions(bending)["answer to z2"] == ours != conditions(case())["answer to z2"]
 
 
 @pytest.mark.parametrize(("period", "swings"), [(0.9, False), (1.1, True)])

@@ -15,12 +15,10 @@
 """Commands end in good order: whatever becomes of their output, and whenever they are asked to."""
 
 import os
-import resource
 import signal
 import subprocess
 import sys
 import time
-from errno import EAGAIN
 from functools import partial
 from pathlib import Path
 from threading import Event
@@ -28,7 +26,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from conftest import Ask, StartProcess
+from conftest import StartProcess
 from process_helpers import (
     COMMAND,
     ENDLESS,
@@ -55,7 +53,6 @@ from ppc_attitude.simulation.scenario import load
 long = pytest.mark.long
 UNBUFFERED = ["env", "PYTHONUNBUFFERED=1"]
 WORDS = ["simulate", "--config", str(PAPER), "--duration", "1"]
-CAMPAIGN = ["campaign", "--campaign", "none.yaml", "--runs", "1", *WORDS[1:]]
 SIMULATE = [*COMMAND, *WORDS]
 HELP = [*COMMAND, "recover", "--help"]  # what it imports takes the least time
 
@@ -80,27 +77,6 @@ def test_output_that_nobody_takes(
     process = start_process(["bash", "-c", script, "bash", *command], env=environment)
     out, err = process.communicate(timeout=PATIENCE)
     assert (process.returncode, out, err) == (code, "", told)
-
-
-@pytest.mark.parametrize("words", [WORDS, CAMPAIGN])
-def test_a_report_for_which_there_is_no_room_is_named_after_the_result(
-    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Ask
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("none.yaml").write_text("campaign: {}")
-    report, unlimited = tmp_path / "report.html", resource.getrlimit(resource.RLIMIT_FSIZE)
-
-    def drawn(*_: Any, **__: Any) -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, unlimited[1]))
-
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", drawn)
-    try:
-        refused = ask(*words, "--report", report, code=2)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
-    assert refused.err.endswith(f"error: {report}: File too large\n")
-    assert "settling time" in refused.out
-    assert not list(tmp_path.glob("report*"))
 
 
 def test_a_terminal_of_few_letters_gets_the_codes_of_others() -> None:
@@ -363,19 +339,6 @@ def test_a_plant_that_somebody_else_asks_to_end_has_not_finished(
     assert run.goes_on(Event())
     plant.told[LINGERS] = True  # for others than those of the run
     assert not run.goes_on(Event())
-
-
-@pytest.mark.ros
-def test_a_run_that_can_start_no_process_says_why(
-    ask: Ask, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    def refuse() -> None:
-        raise BlockingIOError(EAGAIN, os.strerror(EAGAIN))
-
-    monkeypatch.setattr(os, "fork", refuse)
-    monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: refuse())
-    words = ["run", "--config", PAPER, "--bag", tmp_path / "bag", "--duration", "1"]
-    assert f"error: {os.strerror(EAGAIN)}" in ask(*words, code=3).err
 
 
 def stalled(monkeypatch: pytest.MonkeyPatch, after: float) -> Stack:

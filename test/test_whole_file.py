@@ -14,6 +14,8 @@
 
 """A file that is there as a whole, or not at all."""
 
+import os
+from errno import ENOSPC
 from pathlib import Path
 
 import pytest
@@ -37,3 +39,10 @@ def test_a_file_is_as_it_was_until_the_new_one_is_whole(tmp_path: Path) -> None:
     write_whole(path, "second")
     assert path.read_text() == "second"
     assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_disk_that_is_full_is_told_with_the_file_that_it_has_no_room_for(tmp_path: Path) -> None:
+    with pytest.raises(OSError) as full, whole_file(tmp_path / "report.html"):
+        raise OSError(ENOSPC, os.strerror(ENOSPC))
+    assert full.value.filename == str(tmp_path / "report.html")
+    assert not list(tmp_path.iterdir())
