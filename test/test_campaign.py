@@ -20,6 +20,7 @@ import signal
 import threading
 from collections import Counter
 from concurrent.futures import Future
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -271,7 +272,14 @@ def test_a_stopped_campaign_keeps_what_is_done(tmp_path: Path) -> None:
         if done >= 30:
             stop.set()
 
-    cut = run_campaign(small(), 2000, tmp_path / "c", workers=1, progress=at_thirty, stop=stop)
+    cut = run_campaign(
+        small(),
+        2000,
+        tmp_path / "c",
+        workers=1,
+        progress=at_thirty,
+        stopping=lambda: nullcontext(stop),
+    )
     kept = rows_of(tmp_path / "c")
     assert 30 <= cut.summary.runs == len(kept) < 2000
     assert [row["index"] for row in kept] == sorted({row["index"] for row in kept})

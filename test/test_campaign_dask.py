@@ -22,6 +22,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import distributed
@@ -149,7 +150,7 @@ def test_a_stop_leaves_the_cluster_free(cluster: Cluster, tmp_path: Path) -> Non
         tmp_path / "away",
         scheduler=cluster.address,
         progress=at_twenty,
-        stop=stop,
+        stopping=lambda: nullcontext(stop),
     )
     assert 20 <= cut.summary.runs == len(rows_of(tmp_path / "away")) < 100_000
     again = run_campaign(small(), 20, tmp_path / "again", scheduler=cluster.address)

@@ -66,8 +66,9 @@ def run_campaign(
     workers: int | None = None,
     scheduler: str | None = None,
     progress: Callable[[int, int], None] = lambda _done, _wanted: None,
-    stop: threading.Event | None = None,
-    beginning: Callable[[], AbstractContextManager[object]] = nullcontext,
+    stopping: Callable[[], AbstractContextManager[threading.Event]] = lambda: nullcontext(
+        threading.Event()
+    ),
 ) -> Finished:
     """Run a campaign and keep its results in a folder.
 
@@ -85,10 +86,9 @@ def run_campaign(
         Address of a Dask scheduler to run on instead.
     progress : callable, optional
         Called with runs done and wanted after each.
-    stop : threading.Event, optional
-        Set it to end early, with what is there.
-    beginning : callable, optional
-        Gives the context in which workers are started, or a scheduler is waited for.
+    stopping : callable, optional
+        Gives the context in which runs are computed, once workers are there; it gives an event that
+        is set to end early, with what is there.
 
     Returns
     -------
@@ -107,13 +107,16 @@ def run_campaign(
         folder, runs, Summary(campaign.required, campaign.variables), QuantileBands(ends)
     )
     pool: Pool
-    with beginning():
-        if scheduler:
-            pool = ClusterPool(campaign, scheduler)
-        else:
-            pool = LocalPool(campaign, min(workers or cores(), runs))
-    with closing(pool), closing(Results(folder, campaign, finished.bands)) as results:
-        for outcome in outcomes(campaign, runs, pool, stop or threading.Event()):
+    if scheduler:
+        pool = ClusterPool(campaign, scheduler)
+    else:
+        pool = LocalPool(campaign, min(workers or cores(), runs))
+    with (
+        stopping() as stop,
+        closing(pool),
+        closing(Results(folder, campaign, finished.bands)) as results,
+    ):
+        for outcome in outcomes(campaign, runs, pool, stop):
             results.add(outcome.row)
             finished.summary.add(outcome.row)
             if outcome.levels is not None:

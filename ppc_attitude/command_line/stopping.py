@@ -20,11 +20,11 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import TypeVar
 
-from ppc_attitude.processes.child import Handler, handle_ending
+from ppc_attitude.processes.child import handle_ending
 from ppc_attitude.processes.exits import BROKEN
 
 _Done = TypeVar("_Done")
@@ -87,22 +87,6 @@ def stoppable(work: Callable[[], _Done]) -> _Done:
 
 
 @contextmanager
-def _handled(handler: Handler) -> Iterator[None]:
-    """Let requests to end be handled so while the block runs."""
-    previous = handle_ending(handler)
-    try:
-        yield
-    finally:
-        for number, before in previous.items():
-            signal.signal(number, before)
-
-
-def nothing_begun() -> AbstractContextManager[None]:
-    """Let a request to end be granted at once while the block runs."""
-    return _handled(_end_at_once)
-
-
-@contextmanager
 def stop_on_signals() -> Iterator[threading.Event]:
     """Event that a request to end sets, so that a second Ctrl-C cannot break the orderly stop."""
     stop = threading.Event()
@@ -111,5 +95,9 @@ def stop_on_signals() -> Iterator[threading.Event]:
         asked.append(number)
         stop.set()
 
-    with _handled(handle):
+    previous = handle_ending(handle)
+    try:
         yield stop
+    finally:
+        for number, before in previous.items():
+            signal.signal(number, before)

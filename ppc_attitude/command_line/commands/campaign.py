@@ -46,7 +46,7 @@ from ppc_attitude.command_line.options import (
 )
 from ppc_attitude.command_line.paths import new_folder, shipped_config, some_path
 from ppc_attitude.command_line.recording import Recording
-from ppc_attitude.command_line.stopping import nothing_begun, stop_on_signals, stoppable
+from ppc_attitude.command_line.stopping import stop_on_signals, stoppable
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.contract.whole_file import dated
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED, RunError
@@ -125,7 +125,7 @@ def execute(arguments: argparse.Namespace) -> int:
         return _execute_one(arguments, campaign)
     start = time.monotonic()
     tqdm.monitor_interval = 0  # no thread of its own: who has one cannot be copied
-    with tqdm(desc="campaign", unit=" runs", file=sys.stderr) as bar, stop_on_signals() as stop:
+    with tqdm(desc="campaign", unit=" runs", file=sys.stderr) as bar:
 
         def show(done: int, total: int) -> None:
             bar.total = total
@@ -139,8 +139,7 @@ def execute(arguments: argparse.Namespace) -> int:
                 workers=arguments.workers,
                 scheduler=arguments.scheduler,
                 progress=show,
-                stop=stop,
-                beginning=nothing_begun,
+                stopping=stop_on_signals,
             )
         except CampaignError as error:
             raise RunError(str(error)) from None
