@@ -32,7 +32,7 @@ from ppc_attitude.campaign.declaration import (
     scenario_of_run,
     stream,
 )
-from ppc_attitude.campaign.distributions import Range, number, on_sphere
+from ppc_attitude.campaign.distributions import number, on_sphere
 from ppc_attitude.campaign.rows import rerun
 from ppc_attitude.campaign.summary import Summary
 from ppc_attitude.campaign.variables import DRAWN, perturbed_inertia
@@ -40,9 +40,10 @@ from ppc_attitude.contract.declared import components_of
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE, SOURCES
 from ppc_attitude.science.attitude import attitude_error, rotation_angle
 from ppc_attitude.science.inertia import inertia_matrix
+from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.simulation.scenario import Scenario, load, scenario
 
-ANY = Range(-math.inf, math.inf)
+ANY = Parameter("any", 0.0, "any number")
 DRAWS = 3000
 # A right distribution fails one test in 10⁴; the seed is fixed, so it is right or wrong for good.
 UNLIKELY = 1e-4
@@ -88,7 +89,10 @@ def test_a_number_alone_is_fixed() -> None:
     [
         ({"distribution": "uniform", "low": -2, "high": 3}, stats.uniform(-2, 5)),
         ({"distribution": "log_uniform", "low": 1e-6, "high": 1e-2}, stats.loguniform(1e-6, 1e-2)),
-        ({"distribution": "normal", "mean": 1, "deviation": 0.5}, stats.norm(1, 0.5)),
+        (
+            {"distribution": "normal", "mean": 1, "deviation": 0.5, "low": -9, "high": 9},
+            stats.norm(1, 0.5),
+        ),
         (
             {"distribution": "normal", "mean": 1, "deviation": 2, "low": 0, "high": 2},
             stats.truncnorm(-0.5, 0.5, 1, 2),

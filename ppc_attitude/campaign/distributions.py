@@ -41,38 +41,9 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.cones import unit_vector
 from ppc_attitude.science.guidance.rotation import about
 from ppc_attitude.science.kernel import Quaternion, Vector
-from ppc_attitude.science.parameter import exact_text
+from ppc_attitude.science.parameter import Parameter
 
 _LEAST_SHARE = 1e-3  # of a cut normal distribution that must remain: it is drawn by rejection
-
-
-@dataclass(frozen=True)
-class Range:
-    """Limits of a drawn number.
-
-    Attributes
-    ----------
-    low, high : float
-        Smallest and largest number allowed.
-    unit : str
-        Unit, for errors.
-    open_low : bool
-        True if the number must be larger than `low`.
-    """
-
-    low: float
-    high: float
-    unit: str = ""
-    open_low: bool = False
-
-    def __str__(self) -> str:
-        """Say what is allowed."""
-        least = f"{'>' if self.open_low else '≥'} {exact_text(self.low)}"
-        return f"{least} and ≤ {exact_text(self.high)} {self.unit}".rstrip()
-
-    def holds(self, value: float) -> bool:
-        """True if the number is allowed."""
-        return (value > self.low if self.open_low else value >= self.low) and value <= self.high
 
 
 @dataclass(frozen=True)
@@ -145,8 +116,8 @@ def random_axes(stream: Generator) -> Array:
     return np.asarray(axes * np.sign(np.diag(triangle)))
 
 
-def number(name: str, declared: Any, allowed: Range) -> Number:
-    """Read a distribution as it stands in the YAML, all of whose numbers must be allowed.
+def number(name: str, declared: Any, allowed: Parameter) -> Number:
+    """Read a distribution as it stands in the YAML, all of whose numbers a parameter must allow.
 
     An error calls it by the name.
 
@@ -157,8 +128,11 @@ def number(name: str, declared: Any, allowed: Range) -> Number:
     """
     read = _read_number(name, declared)
     for end in (read.low, read.high):
-        if not allowed.holds(end):
-            raise ConfigurationError(f"{name} can become {end:g}; allowed: {allowed}")
+        try:
+            allowed.checked(end)
+        except ConfigurationError:
+            told = f"{allowed.allowed} {allowed.unit}".rstrip()
+            raise ConfigurationError(f"{name} can become {end:g}; allowed: {told}") from None
     return read
 
 

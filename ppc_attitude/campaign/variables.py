@@ -30,7 +30,6 @@ from ppc_attitude.campaign.distributions import (
     Attitudes,
     Direction,
     Number,
-    Range,
     attitudes,
     direction,
     keys,
@@ -45,14 +44,15 @@ from ppc_attitude.science.attitude import attitude_error, rotation_angle, unit_q
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import FAULTS, fault_texts
 from ppc_attitude.science.kinds import ACTUATORS, REFERENCES
+from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.science.references import goal
 from ppc_attitude.simulation.scenario import Overrides, Scenario, weakened
 
-_RATES = Range(0.0, 100.0, "rad/s")
-_ERRORS = Range(0.0, 0.9)
-_TORQUES = Range(0.0, 1e6, "N·m")
-_STRENGTHS = Range(0.0, 1e3, open_low=True)
+_RATE = Parameter("rate", 0.0, "norm of an added rate", "rad/s", low=0.0, high=100.0)
+_ERROR = Parameter("error", 0.0, "relative difference of an inertia", low=0.0, high=0.9)
+_TORQUE = Parameter("torque", 0.0, "norm of a pulse", "N·m", low=0.0, high=1e6)
+_STRENGTH = Parameter("strength", 1.0, "factor on torque limits", above=0.0, high=1e3)
 
 _Q = [f"initial_attitude_{axis}" for axis in "xyzw"]
 _OMEGA = [f"initial_rate_{axis}" for axis in "xyz"]
@@ -156,7 +156,7 @@ class InitialRate(Variable):
         """Read it as it is declared."""
         parts = keys(name, declared, ("magnitude", "direction"))
         return cls(
-            number(f"{name}.magnitude", parts.get("magnitude"), _RATES),
+            number(f"{name}.magnitude", parts.get("magnitude"), _RATE),
             direction(f"{name}.direction", parts.get("direction", "sphere")),
         )
 
@@ -183,7 +183,7 @@ class InertiaError(Variable):
     @classmethod
     def read(cls, name: str, declared: Any, base: Scenario) -> "InertiaError":
         """Read it as it is declared."""
-        return cls(number(name, declared, _ERRORS))
+        return cls(number(name, declared, _ERROR))
 
     def draw(self, own: Generator, values: Overrides) -> Drawn:
         """Draw the inertia."""
@@ -234,7 +234,7 @@ class Disturbance(Variable):
         within, lasting = _times(base)
         time = number(f"{name}.time", parts.get("time"), within)
         duration = number(f"{name}.duration", parts.get("duration"), lasting)
-        torque = number(f"{name}.torque", parts.get("torque"), _TORQUES)
+        torque = number(f"{name}.torque", parts.get("torque"), _TORQUE)
         sense = direction(f"{name}.direction", parts.get("direction", "sphere"))
         return cls((time, duration, torque), sense)
 
@@ -254,11 +254,12 @@ class Disturbance(Variable):
         return drawn, {INJECTOR: {name: [*values[INJECTOR][name], *new] for name, new in pulses}}
 
 
-def _times(base: Scenario) -> tuple[Range, Range]:
+def _times(base: Scenario) -> tuple[Parameter, Parameter]:
     """When something may begin in a run, and how long it may last."""
     length, step = base.number(PLANT, "duration"), 1.0 / base.number(PLANT, "rate")
-    lasting = Range(step, length, "s (the least that acts, the length of a run)")
-    return Range(0.0, length, "s (the length of a run)"), lasting
+    within = Parameter("time", 0.0, "a begin", "s (the length of a run)", low=0.0, high=length)
+    least = "s (the least that acts, the length of a run)"
+    return within, Parameter("duration", length, "a length", least, low=step, high=length)
 
 
 @dataclass(frozen=True)
@@ -316,7 +317,7 @@ class ActuatorStrength(Variable):
     @classmethod
     def read(cls, name: str, declared: Any, base: Scenario) -> "ActuatorStrength":
         """Read it as it is declared."""
-        found = number(name, declared, _STRENGTHS)
+        found = number(name, declared, _STRENGTH)
         weakest = weakened(base.parameters[PLANT], found.low)
         if not weakest:
             actuator = base.parameters[PLANT][ACTUATORS.selector]

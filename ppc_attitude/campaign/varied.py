@@ -18,15 +18,14 @@ What may vary, and within which bounds, stands in the component's declaration al
 that is one quaternion or several can also vary as such, by a distribution of attitudes.
 """
 
-import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from numpy.random import Generator
 
-from ppc_attitude.campaign.distributions import Attitudes, Number, Range, attitudes, number
+from ppc_attitude.campaign.distributions import Attitudes, Number, attitudes, number
 from ppc_attitude.campaign.variables import UPPER, Drawn, Variable
 from ppc_attitude.contract.declared import components_of
 from ppc_attitude.contract.parameters import PARAMETERS
@@ -165,10 +164,8 @@ def _read(
         )
     if place is not None and not isinstance(value, list):
         raise ConfigurationError(f"parameters has {name}; {node}.{parameter} is a single number")
-    above = math.isfinite(declared.above) and declared.above >= declared.low
-    allowed = Range(max(declared.low, declared.above), declared.high, declared.unit, above)
     places = () if place is None else (int(place),)
     if (node, parameter) == (PLANT, INERTIA.name):
         places = tuple(UPPER[each] for each in places)
-    drawn_from = number(name, distribution, allowed)
+    drawn_from = number(name, distribution, replace(declared, default=0.0, length=0))
     return Varied(name, node, parameter, places, declared.unit, drawn_from)
