@@ -51,7 +51,6 @@ from ppc_attitude.processes.telling import AT, BROKEN, FINISHED, LINGERS, TIME, 
 from ppc_attitude.simulation.scenario import load
 
 long = pytest.mark.long
-UNBUFFERED = ["env", "PYTHONUNBUFFERED=1"]
 WORDS = ["simulate", "--config", str(PAPER), "--duration", "1"]
 SIMULATE = [*COMMAND, *WORDS]
 HELP = [*COMMAND, "recover", "--help"]  # what it imports takes the least time
@@ -62,7 +61,6 @@ HELP = [*COMMAND, "recover", "--help"]  # what it imports takes the least time
     [
         (SIMULATE, ">/dev/full", 3, "error: No space left on device\n"),
         (HELP, ">/dev/full", 3, "error: No space left on device\n"),
-        ([*UNBUFFERED, *HELP], ">/dev/full", 3, "error: No space left on device\n"),
         (SIMULATE, ">&- 2>&- <&-", 0, ""),
         ([*COMMAND, "simulate", "--config", "none"], "2>/dev/full", 2, ""),
         ([*SIMULATE, "--json"], "| true", 3, ""),

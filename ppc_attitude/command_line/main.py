@@ -71,10 +71,6 @@ class Parser(argparse.ArgumentParser):
         """End with exit code 2."""
         self.exit(BAD_INPUT, f"error: {message} (see {self.prog} --help)\n")
 
-    def _print_message(self, message: str, file: Any = None) -> None:
-        """Write a text; argparse would take no note of an output that is full."""
-        (file or sys.stderr).write(message)
-
 
 def _complete() -> None:
     """Tell the shell how its command line may go on, and end.
