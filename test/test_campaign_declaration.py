@@ -16,7 +16,6 @@
 
 import json
 import math
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -183,18 +182,6 @@ def test_every_node_with_noise_has_the_seed_of_the_run() -> None:
 def test_refusals_name_the_thing_its_value_and_what_is_allowed(given: Any, message: str) -> None:
     with pytest.raises(ConfigurationError, match=message):
         campaign(given, base(), 0)
-
-
-@pytest.mark.parametrize(("low", "allowed"), [(1e-7, True), (0.0, False)])
-def test_a_fault_may_multiply_a_noise_that_the_campaign_alone_draws(
-    low: float, allowed: bool
-) -> None:
-    given = {
-        "attitude_noise": {"distribution": "uniform", "low": low, "high": 1e-5},
-        "fault": {"what": ["sensor/attitude noise 3"], "time": 1},
-    }
-    with nullcontext() if allowed else pytest.raises(ConfigurationError, match="which is 0"):
-        scenario_of_run(campaign(given, base(), 0), 0)
 
 
 @pytest.mark.parametrize(

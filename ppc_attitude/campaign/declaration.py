@@ -26,7 +26,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from ppc_attitude.analysis.requirements import PAPER, Requirements
-from ppc_attitude.campaign.distributions import Number, keys
+from ppc_attitude.campaign.distributions import keys
 from ppc_attitude.campaign.variables import NOMINAL, VARIABLES, Drawn, Variable, drawn_columns
 from ppc_attitude.campaign.varied import SHORT, varied
 from ppc_attitude.contract.declared import components_of, has_parameter
@@ -120,17 +120,11 @@ def campaign(declaration: Any, base: Scenario, seed: int) -> Campaign:
     declared = keys("campaign", declaration, (*VARIABLES, "parameters", *SHORT))
     numbers = varied(declared, base)
     found: dict[str, Variable] = {}
-    least = {
-        each.parameter: each.drawn_from.low
-        for each in numbers.values()
-        if each.node == PLANT and not each.places and isinstance(each.drawn_from, Number)
-    }
-    lowest = base.overlaid({PLANT: least})  # a fault may multiply what is drawn above 0 alone
     for name, kind in VARIABLES.items():
         if name in declared:
             if kind.of_plant:
                 see_that_it_has(base, PLANTS, name, kind.of_plant)
-            found[name] = kind.read(name, declared[name], lowest)
+            found[name] = kind.read(name, declared[name], base)
     # Numbers that components declare come before those that start from them.
     variables = {**numbers, **NOMINAL, **found}
     return Campaign(base, variables, seed, dict(declared))
