@@ -17,7 +17,6 @@
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -173,28 +172,3 @@ def test_an_address_without_scheduler_is_refused(
     with pytest.raises(ConfigurationError, match=r"scheduler = tcp://127\.0\.0\.1:1: no Dask"):
         run_campaign(small(), 1, tmp_path / "c", scheduler="tcp://127.0.0.1:1")
     assert not (tmp_path / "c").exists()
-
-
-PATIENT = f"""
-from ppc_attitude.campaign import pools
-from ppc_attitude.command_line import main
-pools._PATIENCE = {2.0 * PATIENCE}
-main.run()
-"""
-
-
-def test_who_waits_for_a_scheduler_ends_when_told_to(
-    tmp_path: Path, start_process: StartProcess
-) -> None:
-    """One that takes the connection and says nothing, as a paused one does."""
-    with socket.create_server(("127.0.0.1", 0)) as silent:
-        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
-        options = ["campaign", "--config", str(PAPER), "--scheduler", address]
-        command = [sys.executable, "-c", PATIENT, *options]
-        campaign = Process(start_process, tmp_path, "campaign", command, cwd=tmp_path)
-        asking, _ = silent.accept()
-        with asking:
-            campaign.send(signal.SIGTERM)
-            assert campaign.ends() == 3
-    assert campaign.err.endswith("interrupted\n")
-    assert [path.name for path in tmp_path.iterdir() if path.is_dir()] == []
