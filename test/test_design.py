@@ -198,8 +198,8 @@ def test_gains_are_not_refused_for_a_rounded_number() -> None:
 @pytest.mark.parametrize(
     ("option", "told"),
     [
-        ("--rate=-1", "argument --rate: -1; allowed: finite numbers from 0"),
-        ("--rate-noise=nan", "argument --rate-noise: nan; allowed: finite numbers from 0"),
+        ("--rate=-1", "argument --rate: -1; allowed: finite, ≥ 0"),
+        ("--rate-noise=nan", "argument --rate-noise: nan; allowed: finite, ≥ 0"),
         ("--gains 1 1 2", "momentum_tube.ell = 2.0; allowed: finite, ≥ 1e-09, ≤ 1"),
         ("--assume=eta=2", "momentum_tube.assumed.eta = 2.0; allowed: finite, > 0, ≤ 1"),
     ],

@@ -34,6 +34,7 @@ from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
 from ppc_attitude.science.disturbances.pulses import TIMES
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import CONTROLLERS
+from ppc_attitude.science.parameter import LARGEST, Parameter
 from ppc_attitude.simulation.scenario import Scenario, load
 
 _EXAMPLE = "attitude=/imu/data"
@@ -210,27 +211,22 @@ def add_bag_option(parser: argparse.ArgumentParser, default: str = "a new, dated
 
 
 def number(
-    low: float = -math.inf,
-    high: float = math.inf,
+    low: float = -LARGEST,
+    high: float = LARGEST,
     unit: str = "",
     *,
     above: float = -math.inf,
     whole: bool = False,
-) -> Callable[[str], float]:
-    """Give a parser of finite numbers from `low` to `high` and above `above`; it refuses others."""
-    kind = "whole numbers" if whole else "finite numbers"
-    limits = (("from", low), ("above", above), ("to", high))
-    ends = [f"{word} {end:g}" for word, end in limits if math.isfinite(end)]
-    allowed = " ".join([kind, *ends, unit]).rstrip()
+) -> Callable[[str], Any]:
+    """Give a parser of numbers; it refuses those that a `Parameter` with these bounds refuses."""
+    bounded = Parameter("", 0 if whole else 0.0, "", unit, low=low, high=high, above=above)
 
-    def parsed(text: str) -> float:
+    def parsed(text: str) -> Any:
         try:
-            value = int(text) if whole else float(text)
+            return bounded.checked(int(text) if whole else float(text))
         except ValueError:
-            value = math.nan
-        if not (low <= value <= high and value > above and abs(value) < math.inf):
-            raise argparse.ArgumentTypeError(f"{text}; allowed: {allowed}")
-        return value
+            allowed = f"{bounded.allowed} {unit}".rstrip()
+            raise argparse.ArgumentTypeError(f"{text}; allowed: {allowed}") from None
 
     return parsed
 
