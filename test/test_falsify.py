@@ -277,12 +277,6 @@ def test_what_no_craft_can_fly_is_refused_before_the_search(
         space_of(**chosen)
 
 
-def test_wheels_cannot_be_late() -> None:
-    base = load(configs("paper", "wheels"))
-    with pytest.raises(ConfigurationError, match="actuator = wheels has no parameter late_command"):
-        Space(base, 0.0, 0.0, 0, 0.0, 1.0, late=True)
-
-
 @pytest.mark.parametrize(
     ("chosen", "declared", "told"),
     [

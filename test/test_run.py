@@ -89,14 +89,6 @@ def test_nodes_and_loop_agree_with_hardware_too(name, tmp_path, start_process):
 
 BAD = {
     "infeasible": (CONTROLLER, "rate_envelope: {exponential_terminal: 1.0e-6}", "rate_envelope"),
-    "inertia that is not positive definite": (
-        PLANT,
-        "inertia: [-1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]",
-        "positive definite",
-    ),
-    "more dead band than torque": (PLANT, "min_torque: 1.0", "min_torque = 1.0 N·m"),
-    "wrong length": (PLANT, "initial_attitude: [0.0, 1.0]", "initial_attitude"),
-    "NaN": (PLANT, "max_torque: .nan", "max_torque"),
     "unknown name": (INJECTOR, "enviroment: true", "environment"),
     "missing file": (PLANT, None, "nowhere.yaml"),
 }

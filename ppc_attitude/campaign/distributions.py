@@ -249,7 +249,5 @@ def _check_order(name: str, low: float, high: float) -> None:
 
 
 def _finite(name: str, declared: Any) -> float:
-    is_number = isinstance(declared, int | float) and not isinstance(declared, bool)
-    if not is_number or not math.isfinite(declared):
-        raise ConfigurationError(f"{name} = {declared!r}; allowed: a finite number")
-    return float(declared)
+    found: Any = Parameter(name, 0.0, "a number of a distribution").checked(declared)
+    return float(found)
