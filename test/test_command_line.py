@@ -313,7 +313,7 @@ def test_outputs_go_to_new_folders_and_replace_only_what_the_command_wrote(
     gains = tmp_path / "gains" / "mine.yaml"
     design = ["design", "--config", PAPER, "--gains", 1, 15.4, 0.2, "--output", gains]
     ask(*design)
-    assert new_file(".yaml", replaces=WRITTEN)(str(gains)) == gains
+    assert new_file(".yaml", replaces=[WRITTEN])(str(gains)) == gains
     gains.with_suffix(".certificate.json").write_text("{}")  # of somebody else
     ask(*design, code=BAD_INPUT)
     assert gains.with_suffix(".certificate.json").read_text() == "{}"

@@ -162,7 +162,7 @@ def add_judging_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--report",
         metavar="FILE.html",
-        type=new_file(".html", ".htm", replaces=REPORT),
+        type=new_file(".html", ".htm", replaces=[REPORT]),
         help="write a self-contained HTML report",
     )
     parser.add_argument("--mission", metavar="NAME", default="", help="title of the report")

@@ -16,7 +16,7 @@
 
 import argparse
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 from ppc_attitude.science.errors import ConfigurationError
@@ -32,9 +32,7 @@ def new_folder(text: str) -> Path:
     return path
 
 
-def new_file(
-    *suffixes: str, replaces: str | Mapping[str, str] | None = None
-) -> Callable[[str], Path]:
+def new_file(*suffixes: str, replaces: Collection[str] = ()) -> Callable[[str], Path]:
     """Give the parser of where a file is to be; the folders above it are made.
 
     Parameters
@@ -42,9 +40,9 @@ def new_file(
     suffixes : str
         What its name may end in; without any, in anything. Two outputs of a command end in
         different ones, so that they are never the same file.
-    replaces : str or mapping of str to str, optional
-        What stands at the beginning of a file that may be replaced, or that by suffix; by default
-        none may.
+    replaces : collection of str, optional
+        Marks, of which one stands at the beginning of a file that may be replaced; by default none
+        may.
     """
 
     def parsed(text: str) -> Path:
@@ -53,10 +51,9 @@ def new_file(
             if path.is_symlink() or not path.is_file():
                 what = "a folder" if path.is_dir() else "no plain file"
                 raise argparse.ArgumentTypeError(f"{text} is {what}")  # the new one would replace
-            if replaces is None:
+            if not replaces:
                 raise argparse.ArgumentTypeError(f"{text} exists already, it is not overwritten")
-            mark = replaces if isinstance(replaces, str) else replaces.get(path.suffix, "")
-            see_that_it_may_go(path, mark)
+            see_that_it_may_go(path, *replaces)
         if suffixes and path.suffix not in suffixes:
             allowed = " or ".join(suffixes)
             raise argparse.ArgumentTypeError(f"{text}: allowed are files that end in {allowed}")
@@ -65,8 +62,8 @@ def new_file(
     return parsed
 
 
-def see_that_it_may_go(path: Path, mark: str) -> None:
-    """See that a file, if it is there, is empty or has the mark of its kind at its beginning.
+def see_that_it_may_go(path: Path, *marks: str) -> None:
+    """See that a file, if it is there, is empty or has a mark of its kind at its beginning.
 
     Raises
     ------
@@ -77,7 +74,7 @@ def see_that_it_may_go(path: Path, mark: str) -> None:
         return
     with path.open("rb") as file:
         beginning = file.read(_BEGINNING)
-    if beginning and mark.encode() not in beginning:
+    if beginning and not any(mark.encode() in beginning for mark in marks):
         raise argparse.ArgumentTypeError(
             f"{path} exists already and does not say that this command wrote it: it is not "
             "overwritten"

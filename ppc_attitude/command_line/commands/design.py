@@ -166,7 +166,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _output(text: str) -> Path:
-    path = new_file(".yaml", ".yml", replaces=WRITTEN)(text)
+    path = new_file(".yaml", ".yml", replaces=[WRITTEN])(text)
     see_that_it_may_go(certificate_path(path), '"digest"')
     return path
 

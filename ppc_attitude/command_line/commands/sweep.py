@@ -53,10 +53,9 @@ EXAMPLES = (
     "ppc_attitude sweep --torque 0.8 --at 80 --pulse-durations 0.05 0.1 0.2",
     "ppc_attitude sweep --figure sweep.png --json",
 )
-
+_PICTURES = ("PNG", "<!DOCTYPE svg", "%PDF")  # how each begins
 # What nobody names is in proportion to the craft and to what is asked of it. In the paper's case
 # these are hits of 0.8 N·m at 80 s for 0.05 s to 1 s, and 300 s to recover.
-_PICTURES = {".png": "PNG", ".svg": "<!DOCTYPE svg", ".pdf": "%PDF"}  # with how each begins
 _STRENGTH = 16.0  # times what the actuator gives
 _SHARES = (1 / 1200, 1 / 600, 1 / 300, 1 / 120, 1 / 60)  # of the settling deadline
 _AFTER = 5.0  # settling deadlines after the hit
@@ -95,7 +94,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=POSITIVE,
         help="start [s]; default when the craft must have settled and a terminal window is over",
     )
-    picture = new_file(*_PICTURES, replaces=_PICTURES)
+    picture = new_file(".png", ".svg", ".pdf", replaces=_PICTURES)
     parser.add_argument("--figure", metavar="FILE", type=picture, help="draw the sweep there")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
