@@ -22,8 +22,10 @@ import shlex
 import signal
 import subprocess
 import sys
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -41,8 +43,8 @@ from ppc_attitude.contract.topics import INJECTOR, PLANT, RECORDER
 from ppc_attitude.processes import exits
 from ppc_attitude.science.parameter import resolved
 
-# Words of the commands that need a running stack (test_docs_stack), the bag of a launch or of
-# hardware, or the third controller.
+# Words of the commands that need a running stack, the bag of a launch or of hardware, or the third
+# controller.
 NEEDS_MORE = {"inject", "watch", "latency", "goto", "bags/both", "bags/rig", "pd"}
 
 
@@ -86,6 +88,8 @@ def test_commands_in_the_text_are_those_of_the_parser(page: Path) -> None:
         assert words[0] in COMMANDS, line
         if len(words) > 1:
             parsed_by_us(words)
+    for line in re.findall(r"`(ros2 service call [^`]+)`", text):
+        check_ros2(shlex.split(line)[1:])
 
 
 def test_make_run_is_the_papers_case() -> None:
@@ -115,13 +119,25 @@ def check_ros2(words: list[str]) -> None:
     elif words[:3] == ["topic", "pub", "--once"]:
         topic, msgtype, content = words[-3:]
         assert BY_NAME[topic.lstrip("/")].msgtype == msgtype
-        assert isinstance(yaml.safe_load(content), dict)
+        package, _, name = msgtype.replace("/", ".").rpartition(".")
+        fill(getattr(import_module(package), name)(), yaml.safe_load(content))
     elif words[:2] == ["param", "set"]:
-        check_parameter(words[2].lstrip("/"), words[3], words[4])
+        node, name, value = words[2].lstrip("/"), *words[3:]
+        check_parameter(node, name, value)
+        assert not any(each.read_only for each in PARAMETERS[node] if each.name == name)
     elif words[:2] == ["service", "call"]:
         rows = {f"/{row[0]}": row[1] for row in table(ROOT / "docs/reference.md", "| service |")}
         assert rows[words[2]] == words[3].replace("/srv/", "/")
         assert isinstance(yaml.safe_load(words[4]), dict)
+
+
+def fill(message: Any, values: dict[str, Any]) -> None:
+    """Set the fields that are given; a message refuses what it has not."""
+    for name, value in values.items():
+        if isinstance(value, dict):
+            fill(getattr(message, name), value)
+        else:
+            setattr(message, name, value)
 
 
 def check_node_arguments(node: str, words: list[str]) -> None:
