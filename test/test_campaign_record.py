@@ -57,11 +57,3 @@ def test_a_run_through_the_nodes_is_the_run_in_process(
     assert told["requirements"] == verdict.to_json()["requirements"]
     assert told["bag"] == str(bag)
     assert_flown(read_run(bag), verdict.record)
-
-
-def test_the_shipped_campaign_is_the_default(ask: Ask) -> None:
-    default, shipped = (
-        ask("campaign", *named, "--only", 3, "--json", code=1)
-        for named in ([], ["--campaign", CONFIG / "campaign.yaml"])
-    )
-    assert default.out == shipped.out
