@@ -21,8 +21,8 @@ import pytest
 import yaml
 from bag_helpers import assert_flown
 from campaign_helpers import VARIES
-from conftest import Ask, StartProcess
-from craft_helpers import CONFIG, configs
+from conftest import StartProcess
+from craft_helpers import configs
 from process_helpers import COMMAND, PATIENCE
 
 from ppc_attitude.bags.reader import read_run

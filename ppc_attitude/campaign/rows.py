@@ -14,7 +14,7 @@
 
 """One run of a campaign: simulated, judged, and reduced to a flat row and its levels over time."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, TypeAlias
 
@@ -85,20 +85,16 @@ class Outcome:
     levels: Levels | None
 
 
-def _steps(campaign: Campaign, index: int, loop: Loop, empty: Row) -> Iterator[Outcome | None]:
-    """Draw a run, and only then run it; the last that this yields is the outcome.
-
-    A failure is an outcome as well.
-    """
+def _outcome(campaign: Campaign, index: int, loop: Loop, empty: Row) -> Outcome:
+    """Draw a run and run it; a failure is an outcome as well."""
     drawn: Mapping[str, Any] = {}
     try:
         drawn, changed = drawn_run(campaign, index)
         scenario = campaign.scenario.overlaid(changed)
-        yield None
         judged, levels = _simulated(campaign, loop, scenario)
-        yield Outcome(empty | {"index": index, **drawn} | judged, levels)
+        return Outcome(empty | {"index": index, **drawn} | judged, levels)
     except Exception as error:  # whatever it is, it must cost this run only
-        yield broken(campaign, index, f"{type(error).__name__}: {error}", drawn)
+        return broken(campaign, index, f"{type(error).__name__}: {error}", drawn)
 
 
 def _simulated(campaign: Campaign, loop: Loop, scenario: Scenario) -> tuple[Row, Levels]:
@@ -137,11 +133,7 @@ def run_chunk(campaign: Campaign, start: int, stop: int, loop: Loop | None = Non
             f"{', '.join(different)}"
         )
     loop, empty = loop or loop_of(campaign), dict.fromkeys(row_types(campaign))
-    runs = [_steps(campaign, index, loop, empty) for index in range(start, stop)]
-    # All are drawn first: a run throws everything else out of the processor's caches.
-    begun = [next(run) for run in runs]
-    ended = (outcome or next(run) for outcome, run in zip(begun, runs, strict=True))
-    return [outcome for outcome in ended if outcome is not None]
+    return [_outcome(campaign, index, loop, empty) for index in range(start, stop)]
 
 
 def rerun(campaign: Campaign, index: int) -> Verdict:
