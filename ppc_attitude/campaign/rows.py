@@ -28,7 +28,6 @@ from ppc_attitude.campaign.quantile_bands import Levels, levels_of
 from ppc_attitude.campaign.variables import drawn_columns
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.simulation.closed_loop import Loop, simulate
-from ppc_attitude.simulation.scenario import Scenario
 
 Row: TypeAlias = dict[str, Any]
 
@@ -86,23 +85,17 @@ class Outcome:
 
 
 def _outcome(campaign: Campaign, index: int, loop: Loop, empty: Row) -> Outcome:
-    """Draw a run and run it; a failure is an outcome as well."""
+    """Draw a run and run it; of its samples nothing is kept, and a failure is an outcome too."""
     drawn: Mapping[str, Any] = {}
     try:
         drawn, changed = drawn_run(campaign, index)
-        scenario = campaign.scenario.overlaid(changed)
-        judged, levels = _simulated(campaign, loop, scenario)
-        return Outcome(empty | {"index": index, **drawn} | judged, levels)
+        record = loop.run(campaign.scenario.overlaid(changed))
+        take_for_finite(record, loop.whole)
+        found = {"index": index, **drawn, **_judged(Verdict(record, campaign.required))}
+        levels = levels_of(record, pointing_errors(record).sizes)
+        return Outcome(empty | found, levels)
     except Exception as error:  # whatever it is, it must cost this run only
         return broken(campaign, index, f"{type(error).__name__}: {error}", drawn)
-
-
-def _simulated(campaign: Campaign, loop: Loop, scenario: Scenario) -> tuple[Row, Levels]:
-    """Run a scenario; of its samples nothing is kept."""
-    record = loop.run(scenario)
-    take_for_finite(record, loop.whole)
-    judged = _judged(Verdict(record, campaign.required))
-    return judged, levels_of(record, pointing_errors(record).sizes)
 
 
 def loop_of(campaign: Campaign) -> Loop:
