@@ -28,7 +28,7 @@ import yaml
 from campaign_helpers import RUNS, VARIES, finish, rows_of, small
 from conftest import Ask, StartProcess
 from craft_helpers import ROOT, overlay
-from process_helpers import COMMAND, PATIENCE
+from process_helpers import COMMAND, PATIENCE, alive, workers_of
 from scipy import stats
 from synthetic import normal_run
 
@@ -255,11 +255,11 @@ def test_command_runs_one_again(finished: Finished, tmp_path: Path, ask: Ask) ->
     assert told["drawn"]["pulse_torque"] == row["pulse_torque"]
 
 
-def test_ctrl_c_keeps_what_is_done_and_says_how_much(
+def test_ctrl_c_ends_all_workers_and_keeps_what_is_done(
     tmp_path: Path, start_process: StartProcess
 ) -> None:
     out = tmp_path / "out"
-    command = [*COMMAND, *written(tmp_path), "--runs", "1000000", "--workers", "1"]
+    command = [*COMMAND, *written(tmp_path), "--runs", "1000000", "--workers", "2"]
     command += ["--out", str(out)]
     process = start_process(command, cwd=ROOT)
     assert process.stderr is not None
@@ -267,9 +267,12 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_much(
     while "/1000000" not in seen or " 0/1000000" in seen:  # the bar has moved
         seen = process.stderr.read(200)
         assert seen, "ended by itself"
+    workers = workers_of(process.pid)
+    assert len(workers) == 2
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does it: to all of them
     _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 3
+    assert not any(map(alive, workers))
     assert "Traceback" not in errors
     done = len(rows_of(out))
     assert done > 0

@@ -364,9 +364,7 @@ def test_rates_are_compared_with_the_required_one(
     assert len(compared) == 2 * len(limits)
 
 
-@pytest.mark.parametrize(
-    "name", ["sudden_disturbance", "sensors_smallsat", "guaranteed", "traditional"]
-)
+@pytest.mark.parametrize("name", ["sensors_smallsat", "guaranteed"])
 def test_the_page_fits_a_terminal_and_holds_no_rounding_of_zero(name: str, ask: Ask) -> None:
     page = ask("check", *(f"--config={file}" for file in configs("paper", name))).out
     assert max(map(len, page.splitlines())) <= 80

@@ -32,13 +32,11 @@ from process_helpers import (
     ENDLESS,
     PAPER,
     PATIENCE,
-    Process,
     Run,
     alive,
     pace,
     pause,
     until,
-    workers_of,
 )
 
 from ppc_attitude.bags.reader import read_run
@@ -252,21 +250,6 @@ def test_a_run_leaves_nothing_but_its_bag(
     record = read_run(run.bag)
     assert record.stamps_ns.size > 1
     assert record.missing_messages == 0 or name == "SIGKILL"
-
-
-def test_a_campaign_ends_with_all_its_workers_when_it_is_told_to(
-    tmp_path: Path, start_process: StartProcess
-) -> None:
-    command = [*COMMAND, "campaign", "--config", str(PAPER), "--out", "out"]
-    command += ["--workers", "2", "--runs", "100000"]
-    campaign = Process(start_process, tmp_path, "campaign", command, cwd=tmp_path)
-    until(lambda: "/100000" in campaign.err, "its first runs")
-    workers = workers_of(campaign.pid)
-    assert len(workers) == 2
-    campaign.send(signal.SIGTERM)
-    assert campaign.ends() == 3
-    assert "interrupted after " in campaign.err
-    assert not any(map(alive, workers))
 
 
 def test_a_node_that_is_slow_to_begin_ends_when_it_is_asked_to(tmp_path: Path) -> None:

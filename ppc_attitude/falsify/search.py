@@ -75,7 +75,7 @@ class Search:
     Raises
     ------
     ConfigurationError
-        `cma` is not installed, or the folder holds another search or is in use.
+        `cma` is not installed.
     """
 
     def __init__(self, space: Space, goal: Goal, folder: Path, seed: int) -> None:
@@ -87,8 +87,6 @@ class Search:
         folder.mkdir(parents=True, exist_ok=True)
         identity = json.dumps([space.to_json(), asdict(goal), seed], sort_keys=True)
         self._digest = hashlib.sha256(identity.encode()).hexdigest()
-        with self._locked():
-            self._read()  # a folder of another search is refused at once
 
     @contextmanager
     def _locked(self) -> Iterator[IO[str]]:
@@ -138,8 +136,8 @@ class Search:
         Raises
         ------
         ConfigurationError
-            Another search uses the folder, its file has been changed, or its worst case flies
-            otherwise now.
+            Another search uses or has used the folder, its file has been changed, or its worst case
+            flies otherwise now.
         """
         end = time.monotonic() + seconds
         best = Found(0, -np.inf, np.zeros(self._space.size))
