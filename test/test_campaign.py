@@ -176,15 +176,15 @@ def test_error_over_time_counts_every_run_in_every_bin(finished: Finished) -> No
 
 
 def test_no_worker_begins_without_work_and_progress_counts_up_to_the_end(tmp_path: Path) -> None:
-    seen: list[tuple[int, int]] = []
+    seen: list[int] = []
     workers: list[int] = []
 
-    def look(done: int, total: int) -> None:
-        seen.append((done, total))
+    def look(done: int) -> None:
+        seen.append(done)
         workers.append(len(workers_of(os.getpid())))
 
     run_campaign(small(), 2, tmp_path / "c", workers=500, progress=look)
-    assert seen == [(1, 2), (2, 2)]
+    assert seen == [1, 2]
     assert 0 < max(workers) <= 2
 
 
@@ -192,7 +192,7 @@ def test_a_killed_worker_and_the_number_of_workers_change_nothing(tmp_path: Path
     of, runs = small(duration=20.0, rate=100.0), 64
     victims: list[int] = []
 
-    def kill_one(done: int, total: int) -> None:
+    def kill_one(done: int) -> None:
         if not victims:
             victims.append(workers_of(os.getpid())[0])
             os.kill(victims[0], signal.SIGKILL)
@@ -268,7 +268,7 @@ def test_no_more_is_submitted_than_can_be_held() -> None:
 def test_a_stopped_campaign_keeps_what_is_done(tmp_path: Path) -> None:
     stop = threading.Event()
 
-    def at_thirty(done: int, total: int) -> None:
+    def at_thirty(done: int) -> None:
         if done >= 30:
             stop.set()
 
@@ -287,7 +287,7 @@ def test_a_stopped_campaign_keeps_what_is_done(tmp_path: Path) -> None:
 
 
 def test_a_broken_progress_leaves_whole_files(tmp_path: Path) -> None:
-    def interrupt(done: int, total: int) -> None:
+    def interrupt(done: int) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -302,7 +302,7 @@ def test_rows_are_written_while_the_campaign_runs(
     monkeypatch.setattr(results, "BATCH", 10)
     growing, sizes = tmp_path / "c" / "runs.parquet.unfinished", set[int]()
 
-    def look(done: int, total: int) -> None:
+    def look(done: int) -> None:
         sizes.add(growing.stat().st_size)
 
     run_campaign(small(0.2), 40, tmp_path / "c", workers=1, progress=look)

@@ -81,7 +81,7 @@ def test_a_killed_worker_loses_and_doubles_nothing(cluster: Cluster, tmp_path: P
     pids = cluster.client.run(os.getpid)
     killed: list[int] = []
 
-    def kill_one(done: int, total: int) -> None:
+    def kill_one(done: int) -> None:
         chunks = cluster.client.processing()
         busiest = max(chunks, key=lambda place: len(chunks[place]))
         if chunks[busiest] and not killed:
@@ -101,7 +101,7 @@ def test_a_killed_worker_loses_and_doubles_nothing(cluster: Cluster, tmp_path: P
 def test_a_lost_scheduler_is_told_and_what_was_done_is_kept(
     cluster: Cluster, tmp_path: Path
 ) -> None:
-    def kill_scheduler(done: int, total: int) -> None:
+    def kill_scheduler(done: int) -> None:
         if done == 20:
             cluster.scheduler.send_signal(signal.SIGKILL)
             cluster.scheduler.wait()
@@ -139,7 +139,7 @@ def test_a_search_says_that_its_scheduler_was_lost(
 def test_a_stop_leaves_the_cluster_free(cluster: Cluster, tmp_path: Path) -> None:
     stop = threading.Event()
 
-    def at_twenty(done: int, total: int) -> None:
+    def at_twenty(done: int) -> None:
         if done >= 20:
             stop.set()
 

@@ -65,7 +65,7 @@ def run_campaign(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
-    progress: Callable[[int, int], None] = lambda _done, _wanted: None,
+    progress: Callable[[int], None] = lambda _done: None,
     stopping: Callable[[], AbstractContextManager[threading.Event]] = lambda: nullcontext(
         threading.Event()
     ),
@@ -85,7 +85,7 @@ def run_campaign(
     scheduler : str, optional
         Address of a Dask scheduler to run on instead.
     progress : callable, optional
-        Called with runs done and wanted after each.
+        Called with the number of runs done after each.
     stopping : callable, optional
         Gives the context in which runs are computed, once workers are there; it gives an event that
         is set to end early, with what is there.
@@ -121,7 +121,7 @@ def run_campaign(
             finished.summary.add(outcome.row)
             if outcome.levels is not None:
                 finished.bands.add(outcome.levels)
-            progress(finished.summary.runs, runs)
+            progress(finished.summary.runs)
     return finished
 
 

@@ -125,12 +125,7 @@ def execute(arguments: argparse.Namespace) -> int:
         return _execute_one(arguments, campaign)
     start = time.monotonic()
     tqdm.monitor_interval = 0  # no thread of its own: who has one cannot be copied
-    with tqdm(desc="campaign", unit=" runs", file=sys.stderr) as bar:
-
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
+    with tqdm(total=runs, desc="campaign", unit=" runs", file=sys.stderr) as bar:
         try:
             finished = run_campaign(
                 campaign,
@@ -138,7 +133,7 @@ def execute(arguments: argparse.Namespace) -> int:
                 arguments.out or dated("campaigns"),
                 workers=arguments.workers,
                 scheduler=arguments.scheduler,
-                progress=show,
+                progress=lambda done: bar.update(done - bar.n),
                 stopping=stop_on_signals,
             )
         except CampaignError as error:
