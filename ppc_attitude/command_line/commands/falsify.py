@@ -183,6 +183,7 @@ def execute(arguments: argparse.Namespace) -> int:
     worst = arguments.out / WORST
     write_whole(worst, _file(space, goal, found, arguments.controller))
     broken = found.value > goal.limit
+    limit = float(f"{goal.limit:.12g}")  # what was 3 deg/s in a certificate has other last digits
     text = goal.text(found.value, duration)
     if arguments.json:
         print_json(
@@ -192,13 +193,13 @@ def execute(arguments: argparse.Namespace) -> int:
                 "runs": found.runs,
                 "largest": found.value,
                 "told": text,
-                "limit": goal.limit,
+                "limit": limit,
                 "passes_limit": broken,
                 "worst": str(worst),
             }
         )
     else:
-        told = f", limit {goal.limit:g}" if math.isfinite(goal.limit) else ""
+        told = f", limit {limit:g}" if math.isfinite(limit) else ""
         print(f"largest {goal.name} of {found.runs} runs: {text}{told}")
         print(f"worst case: {worst}")
     if stop.is_set() and found.runs < arguments.runs:
