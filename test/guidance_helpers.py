@@ -24,13 +24,12 @@ from craft_helpers import orbit_record
 from truth_tables import TRUTH
 
 from ppc_attitude.contract.run_record import Array
-from ppc_attitude.science.guidance.goals import GUIDANCE, STATE, begin, motion_now
+from ppc_attitude.science.guidance.goals import STATE, begin, motion_now
 from ppc_attitude.science.guidance.orders import ORDER, Orders
 from ppc_attitude.science.guidance.trajectory import POINTS
 from ppc_attitude.science.kernel import Quaternion
-from ppc_attitude.science.orbit import EARTH_RADIUS
 from ppc_attitude.science.part import Part
-from ppc_attitude.science.references.goal import COMPONENT, configuration_of
+from ppc_attitude.science.references.goal import COMPONENT, configuration_of, configure
 
 DEGREE = math.pi / 180.0
 
@@ -54,23 +53,15 @@ def truth_orbit() -> Any:
     return orbit_record(6928137.0, 0.001, *map(math.radians, (97.6, 30.0, 40.0)), mean)
 
 
-def guidance() -> Any:
-    """Configuration with the default limits, the truth's orbit and ground point."""
-    record = np.zeros((), GUIDANCE)[()]
-    record["limits"] = (2.0 * DEGREE, 0.4 * DEGREE, 0.2 * DEGREE)
+def guidance(*each: tuple[Any, str, float]) -> Any:
+    """Configuration with the default limits, the truth's orbit and ground point, and `cones`."""
+    target = {"target.latitude": math.radians(47.0), "target.longitude": math.radians(8.0)}
+    kept_out = cones(*each) if each else {}
+    given = {**COMPONENT.defaults, **target, "spin.axis": [0.0, 0.6, 0.8], **kept_out}
+    record, *_no_orders = configure(given)
     record["sky"]["orbit"] = truth_orbit()
     record["sky"]["days"] = 9132.0
     record["sky"]["earth_angle"] = math.radians(350.0)
-    latitude, longitude = math.radians(47.0), math.radians(8.0)
-    record["sky"]["target"] = EARTH_RADIUS * np.array(
-        [
-            math.cos(latitude) * math.cos(longitude),
-            math.cos(latitude) * math.sin(longitude),
-            math.sin(latitude),
-        ]
-    )
-    record["spin_axis"] = (0.0, 0.6, 0.8)
-    record["spin_rate"] = DEGREE
     return record
 
 
