@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ppc_attitude.science.component import UNIT_TOLERANCE
+from ppc_attitude.science.component import OWN_TOLERANCE, UNIT_TOLERANCE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import (
     Matrix,
@@ -44,6 +44,8 @@ _SMALL = 1e-4  # [rad²] below which a series of four terms is exact to rounding
 def unit_quaternion(name: str, values: ArrayLike) -> Quaternion:
     """Check that a quaternion x y z w is a unit one up to rounding, and normalise it.
 
+    One of ours is taken as it is, as from a message (`OWN_TOLERANCE`).
+
     Parameters
     ----------
     name : str
@@ -62,7 +64,9 @@ def unit_quaternion(name: str, values: ArrayLike) -> Quaternion:
         raise ConfigurationError(
             f"{name} = {array.tolist()} has norm {length:.6g}; allowed: 1 within {UNIT_TOLERANCE:g}"
         )
-    x, y, z, w = (array / length).tolist()
+    if abs(length - 1.0) > OWN_TOLERANCE:
+        array = array / length
+    x, y, z, w = array.tolist()
     return x, y, z, w
 
 

@@ -17,7 +17,6 @@
 The book of a run has them in the order in which they act.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -26,7 +25,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.science.attitude import unit_quaternion
-from ppc_attitude.science.component import OWN_TOLERANCE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.cones import one_for_each
 from ppc_attitude.science.guidance.frames import FRAME_NAMES
@@ -98,10 +96,8 @@ def goal_order(stamp_ns: int, frame: str, attitude: Sequence[float]) -> NDArray[
     """
     if frame not in FRAME_NAMES:
         raise ConfigurationError(f"frame of a goal = {frame!r}; allowed: {', '.join(FRAME_NAMES)}")
-    unit: Sequence[float] = unit_quaternion("attitude of a goal", attitude)
-    if abs(math.hypot(*attitude) - 1.0) <= OWN_TOLERANCE:
-        unit = attitude
-    return np.array([(stamp_ns, FRAME_NAMES.index(frame), tuple(unit), 0)], ORDER)
+    unit = unit_quaternion("attitude of a goal", attitude)
+    return np.array([(stamp_ns, FRAME_NAMES.index(frame), unit, 0)], ORDER)
 
 
 def hold_order(stamp_ns: int) -> NDArray[Any]:

@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.science.attitude import conjugate, product
-from ppc_attitude.science.component import OWN_TOLERANCE, UNIT_TOLERANCE
+from ppc_attitude.science.attitude import conjugate, product, unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.frames import INERTIAL
 from ppc_attitude.science.guidance.goals import (
@@ -91,17 +90,9 @@ def points(
         raise ConfigurationError(f"a trajectory of {count} points; allowed: 2 to {MOST_POINTS}")
     record = np.zeros((), POINTS)[()]
     record["count"] = count
-    quaternions = np.asarray(attitudes, dtype=np.float64)
-    lengths = np.linalg.norm(quaternions, axis=1)
-    wrong = np.flatnonzero(~(np.abs(lengths - 1.0) <= UNIT_TOLERANCE))
-    if len(wrong):
-        raise ConfigurationError(
-            f"point {wrong[0]} has attitude {quaternions[wrong[0]].tolist()} of norm "
-            f"{lengths[wrong[0]]:.6g}; allowed: 1 within 0.001"
-        )
-    # To normalise one again would change its last bits, and a replay would not be exact.
-    lengths[np.abs(lengths - 1.0) <= OWN_TOLERANCE] = 1.0
-    quaternions = quaternions / lengths[:, None]
+    quaternions = [
+        unit_quaternion(f"attitude of point {i}", each) for i, each in enumerate(attitudes)
+    ]
     if not (np.diff(times) > _CLOSEST).all():
         raise ConfigurationError(
             f"times of the points are {list(times)}; allowed: finite and increasing by more than "
@@ -110,7 +101,7 @@ def points(
     record["time"][:count] = times
     record["attitude"][:count] = quaternions
     means = [
-        np.multiply(*axis_and_angle(product(conjugate(quaternion(a)), quaternion(b)))) / length
+        np.multiply(*axis_and_angle(product(conjugate(a), b))) / length
         for a, b, length in zip(quaternions[:-1], quaternions[1:], np.diff(times), strict=True)
     ]
     for i, (rate, acceleration) in enumerate(zip(rates, accelerations, strict=True)):
