@@ -74,14 +74,17 @@ from ppc_attitude.science.guarantee.nodes import Nodes
 from ppc_attitude.science.guarantee.surroundings import (
     DEVIATIONS,
     broken_assumptions,
-    broken_by_reference,
     fastest_of,
 )
 from ppc_attitude.science.wheels import SPEED
 
 # The law sees a torque at the next sample, and begins anew with the one after it.
 _SEEN_AFTER = 2
-_TELEMETRY = (MOMENTUM_ERROR, MOMENTUM_TUBE, TURN, TURN_ENVELOPE, PHASE)
+_NEEDED = (
+    REFERENCE_RATE.column,
+    REFERENCE_ACCELERATION.column,
+    *(each.name for each in (MOMENTUM_ERROR, MOMENTUM_TUBE, TURN, TURN_ENVELOPE, PHASE)),
+)
 _ROUNDING = 1e-12  # [rad] of the angle between equal attitudes
 _INEXACT = 1e-9  # [rad], [rad/s] that a reference may be off from sample to sample by its rounding
 _MOTION = ("W", "W1", "W2")  # bounds of ‖ω_d‖, ‖ω_d'‖ and ‖ω_d''‖
@@ -114,25 +117,21 @@ def certificate_held(record: RunRecord) -> Held | None:
     nothing = np.zeros(record.stamps_ns.size, dtype=np.bool_)
     if not all(each.name in values for each in PARAMETERS):
         return Held(nothing, "the record lacks parameters of the law", "")
+    if absent := [name for name in _NEEDED if not has(record, name)]:
+        return Held(nothing, f"the record lacks {', '.join(absent)}", "")
     try:
-        # What the reference did is on record; only where it is not, its parameters decide.
-        shown = all(has(record, topic.column) for topic in (REFERENCE_RATE, REFERENCE_ACCELERATION))
-        until = None if shown else float(record.t[-1])
-        different = [each for _, told in _in_flight(record) for each in _broken(told, until)]
+        different = [each for _, told in _in_flight(record) for each in _broken(told)]
         broken_at = _assumptions(record)
-    except (KeyError, ConfigurationError) as error:
-        cause = error.__cause__ or error  # a component that was asked names itself around it
-        lacks = isinstance(cause, KeyError)
-        reason = f"the record lacks the parameter {cause.args[0]}" if lacks else str(error)
-        return Held(nothing, reason, "")
+    except KeyError as error:
+        return Held(nothing, f"the record lacks the parameter {error.args[0]}", "")
+    except ConfigurationError as error:
+        return Held(nothing, str(error), "")
     certificates = (each.value for each in record.changes if each.name == CERTIFICATE.name)
     if any(each != values[CERTIFICATE.name] for each in certificates):
         different.append("the certificate was replaced in flight")
     different = different or [f"fault: {each}" for each in faults_of(record)]
     if different:
         return Held(nothing, "; ".join(dict.fromkeys(different)), "")
-    if not all(has(record, each.name) for each in _TELEMETRY):
-        return Held(nothing, "the record lacks the law's telemetry", "")
     outside = _outside(record, values)
     suspended, causes = nothing.copy(), []
     for what, broken in broken_at.items():
@@ -189,10 +188,10 @@ def _in_flight(record: RunRecord) -> Iterator[tuple[slice, Mapping[str, Mapping[
     return record.stretches(each for each in record.changes if each.name != FAULTS.name)
 
 
-def _broken(parameters: Mapping[str, Mapping[str, Any]], until: float | None) -> Iterator[str]:
+def _broken(parameters: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
     """Yield why a certificate is none for these parameters.
 
-    What the reference would do by them, until an instant [s], counts only if one is given.
+    Those of the reference do not count: what it did is on record.
     """
     values = parameters[CONTROLLER]
     if not values.get(ENABLED, True):
@@ -200,11 +199,9 @@ def _broken(parameters: Mapping[str, Mapping[str, Any]], until: float | None) ->
     if values[CERTIFICATE.name] != digest_of(values):
         yield "the certificate is for other numbers"
     elif parameters.get(PLANT):
-        assumed, law = assumptions_of(values), law_of(values)
-        nodes = nodes_around(parameters)
-        yield from broken_assumptions(assumed, law, nodes)
-        if until is not None and parameters.get(REFERENCE):
-            yield from broken_by_reference(assumed, nodes, until)
+        yield from broken_assumptions(
+            assumptions_of(values), law_of(values), nodes_around(parameters)
+        )
 
 
 def nodes_around(parameters: Mapping[str, Mapping[str, Any]]) -> Nodes:
@@ -240,27 +237,22 @@ def _reference(record: RunRecord, W: float, W1: float, W2: float) -> dict[str, M
     A rate that is Lipschitz differs from the trapezoid of its derivatives by h² W2/4 in a sample,
     and the attitude, whose rotations do not commute, by h³ (W2 + W W1)/12.
     """
-    found = {}
     h = np.diff(record.t, prepend=record.t[0])
-    if has(record, REFERENCE_RATE.column):
-        rate = record[REFERENCE_RATE.column]
-        found["a faster reference"] = np.linalg.norm(rate, axis=1) > W
-        if has(record, REFERENCE_ATTITUDE.column):
-            attitude = record[REFERENCE_ATTITUDE.column]
-            error = errors_of(attitude, np.roll(attitude, 1, axis=0)).quaternions
-            turned = 2.0 * np.sign(error[:, 3:]) * error[:, :3]  # but for (h W)³/24
-            limit = h**3 * ((W2 + W * W1) / 12.0 + W**3 / 24.0)
-            found["a reference that turns otherwise than it tells"] = _jumps(turned, rate, h, limit)
-    if has(record, REFERENCE_ACCELERATION.column):
-        acceleration = record[REFERENCE_ACCELERATION.column]
-        change = np.diff(acceleration, axis=0, prepend=acceleration[:1])
-        harder = np.linalg.norm(acceleration, axis=1) > W1
-        harder |= np.linalg.norm(change, axis=1) > h * W2 + _ROUNDING
-        found["a reference that turns harder"] = harder
-        if has(record, REFERENCE_RATE.column):
-            gained = np.diff(rate, axis=0, prepend=rate[:1])
-            limit = 0.25 * h**2 * W2
-            found["a reference whose rate jumps"] = _jumps(gained, acceleration, h, limit)
+    rate, acceleration = record[REFERENCE_RATE.column], record[REFERENCE_ACCELERATION.column]
+    gained = np.diff(rate, axis=0, prepend=rate[:1])
+    change = np.diff(acceleration, axis=0, prepend=acceleration[:1])
+    harder = np.linalg.norm(acceleration, axis=1) > W1
+    harder |= np.linalg.norm(change, axis=1) > h * W2 + _ROUNDING
+    found = {"a faster reference": np.linalg.norm(rate, axis=1) > W}
+    if has(record, REFERENCE_ATTITUDE.column):
+        attitude = record[REFERENCE_ATTITUDE.column]
+        error = errors_of(attitude, np.roll(attitude, 1, axis=0)).quaternions
+        turned = 2.0 * np.sign(error[:, 3:]) * error[:, :3]  # but for (h W)³/24
+        limit = h**3 * ((W2 + W * W1) / 12.0 + W**3 / 24.0)
+        found["a reference that turns otherwise than it tells"] = _jumps(turned, rate, h, limit)
+    found["a reference that turns harder"] = harder
+    limit = 0.25 * h**2 * W2
+    found["a reference whose rate jumps"] = _jumps(gained, acceleration, h, limit)
     return found
 
 
