@@ -18,7 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from craft_helpers import configs
+from craft_helpers import configs, verdict_on
 from guidance_helpers import cones, goals
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
@@ -107,21 +107,21 @@ def test_a_reference_that_is_started_again_is_flown_and_replayed_anew(record: Ru
     assert found is not None
     assert [word.time for word in found.words] == pytest.approx([5.0, 20.0, 40.0, 60.0])
     assert "order 2 is followed" in found.words[2].text
-    (row,) = (row for row in Verdict(started).requirements if row.key == "refused_orders")
+    row = verdict_on(started, "refused_orders")
     assert row.value == 1.0
 
 
 def test_a_refused_order_is_no_run_that_meets_all(record: RunRecord) -> None:
-    (row,) = (row for row in Verdict(record).requirements if row.key == "refused_orders")
+    row = verdict_on(record, "refused_orders")
     assert (row.value, row.met) == (1.0, False)
     assert row.reason.startswith("order 3 is refused: it is inside keep-out cone 0")
     # The next order of its instant is followed, and tells nothing of it.
     both = goals((1.0, "spin", STRAIGHT), (1.0, "inertial", STRAIGHT))
     twice = flight(**both, spin__rate=0.05)
-    (row,) = (r for r in Verdict(simulate(twice, 2.0)).requirements if r.key == "refused_orders")
+    row = verdict_on(simulate(twice, 2.0), "refused_orders")
     assert (row.value, row.met, row.reason) == (1.0, False, "")
-    obeyed = Verdict(simulate(flight(**goals((1.0, "inertial", STRAIGHT))), 2.0))
-    (row,) = (row for row in obeyed.requirements if row.key == "refused_orders")
+    obeyed = simulate(flight(**goals((1.0, "inertial", STRAIGHT))), 2.0)
+    row = verdict_on(obeyed, "refused_orders")
     assert (row.value, row.met) == (0.0, True)
     resting = Verdict(simulate(flight(), 2.0))
     assert "refused_orders" not in {row.key for row in resting.requirements}
@@ -210,7 +210,7 @@ def test_cones_that_come_or_go_in_flight_are_drawn_and_not_judged(record: RunRec
         told = {text.get_text() for text in drawn["sky_map"][1].axes[0].texts}
         assert told == {"0: 0 0 1", "1: nadir"}
         assert ("cone_angles" in drawn) is (before is not none)
-        (row,) = (each for each in Verdict(run).requirements if each.key == "keep_out")
+        row = verdict_on(run, "keep_out")
         assert (row.met, row.reason) == (None, "keep_out.axes was changed in flight")
 
 

@@ -21,11 +21,10 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Ask
-from craft_helpers import configs, overlay
-from guidance_helpers import guidance
+from craft_helpers import configs, overlay, verdict_on
+from guidance_helpers import Array, guidance
 from scipy.spatial.transform import Rotation
 
-from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.contract.topics import REFERENCE
 from ppc_attitude.science.guidance.frames import FRAME_NAMES, INERTIAL, SPINNING, frame_at
 from ppc_attitude.science.guidance.limits import frame_bounds
@@ -37,7 +36,6 @@ from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.diagram import play
 from ppc_attitude.simulation.scenario import load
 
-UNTIL, STEP = 300.0, 0.02  # [s]
 POOLS = (("inertial",), ("inertial", "nadir"), ("inertial", "spin"), FRAME_NAMES)
 
 
@@ -64,23 +62,23 @@ def ordered(random: np.random.Generator, pool: tuple[str, ...]) -> dict[str, Any
     return dict(resolved(COMPONENT.parameters, chosen, "goals"))
 
 
+def shares_of(values: dict[str, Any], until: float, step: float) -> Array:
+    """Largest ‖ω_d‖, ‖ω_d'‖ and ‖ω_d''‖ until a time [s], each as a share of its bound."""
+    stamps_ns = np.arange(round(until / step) + 1) * round(step * 1e9)
+    attitude = np.tile([[0.0], [0.0], [0.0], [1.0]], (1, stamps_ns.size))
+    part = Part(COMPONENT, values, np.zeros(signals_of(COMPONENT)))
+    motion = play(part, stamps_ns, attitude, COMPONENT.outputs)
+    rates, accelerations = motion[4:7], motion[7:10]
+    moved = rates, accelerations, np.diff(accelerations, axis=1) / step
+    assert COMPONENT.motion_bounds is not None
+    most = [np.linalg.norm(each, axis=0).max() for each in moved]
+    return np.asarray(np.divide(most, COMPONENT.motion_bounds(values, until)))
+
+
 @pytest.mark.parametrize("pool", POOLS)
 def test_no_order_lets_the_desired_motion_pass_its_bounds(pool: tuple[str, ...]) -> None:
-    random, shares = np.random.default_rng(3), []
-    stamps_ns = np.arange(round(UNTIL / STEP) + 1) * round(STEP * 1e9)
-    attitude = np.tile([[0.0], [0.0], [0.0], [1.0]], (1, stamps_ns.size))
-    for _ in range(40):
-        values = ordered(random, pool)
-        part = Part(COMPONENT, values, np.zeros(signals_of(COMPONENT)))
-        motion = play(part, stamps_ns, attitude, COMPONENT.outputs)
-        omega, alpha = motion[4:7], motion[7:10]
-        reached = [
-            np.linalg.norm(each, axis=0).max()
-            for each in (omega, alpha, np.diff(alpha, axis=1) / STEP)
-        ]
-        assert COMPONENT.motion_bounds is not None
-        shares.append(np.divide(reached, COMPONENT.motion_bounds(values, UNTIL)))
-    most = np.max(shares, axis=0)
+    random = np.random.default_rng(3)
+    most = np.max([shares_of(ordered(random, pool), 300.0, 0.02) for _ in range(40)], axis=0)
     assert (most <= (1.0, 1.0, 1.0 + 1e-9)).all()  # a difference of numbers is rounded
     assert most[0] > 0.8, "the bound of the rate is no wider than it has to be"
     assert most[1] > 0.9
@@ -88,9 +86,7 @@ def test_no_order_lets_the_desired_motion_pass_its_bounds(pool: tuple[str, ...])
 
 def test_orders_amid_brakes_that_last_for_turns_of_a_spin_do_not_add_up() -> None:
     """The acceleration is so small beside the spin that a brake turns by several radians."""
-    random, shares = np.random.default_rng(5), []
-    stamps_ns = np.arange(3001) * 500_000_000
-    attitude = np.tile([[0.0], [0.0], [0.0], [1.0]], (1, stamps_ns.size))
+    random = np.random.default_rng(5)
     for _ in range(40):
         values = ordered(random, ("inertial", "spin"))
         count = len(values["goals.times"])
@@ -101,12 +97,7 @@ def test_orders_amid_brakes_that_last_for_turns_of_a_spin_do_not_add_up() -> Non
             "spin.rate": 0.17,
             "goals.times": np.sort(random.uniform(1.0, 800.0, count)).tolist(),
         }
-        part = Part(COMPONENT, values, np.zeros(signals_of(COMPONENT)))
-        rates = play(part, stamps_ns, attitude, COMPONENT.outputs)[4:7]
-        assert COMPONENT.motion_bounds is not None
-        W = COMPONENT.motion_bounds(values, 1500.0)[0]
-        shares.append(np.linalg.norm(rates, axis=0).max() / W)
-    assert max(shares) <= 1.0
+        assert shares_of(values, 1500.0, 0.5)[0] <= 1.0
 
 
 @pytest.mark.parametrize("frame", range(len(FRAME_NAMES)))
@@ -144,9 +135,8 @@ def test_a_flight_to_goals_is_promised_and_the_promise_kept(
     given = ["--config", goals, "--gains", 0.92, 78.4, 1, "--output", gains]
     ask("design", "--config", *configs("paper"), *given)
     scenario = load([*configs("paper"), goals, gains])
-    verdict = Verdict(simulate(scenario, 120.0))
-    held = [(each.met, each.note) for each in verdict.requirements if each.key == "certificate"]
-    assert held == [(True, "")]
+    held = verdict_on(simulate(scenario, 120.0), "certificate")
+    assert (held.met, held.note) == (True, "")
 
 
 def test_a_law_that_looks_ahead_is_not_designed_for_goals(goals: Path, ask: Ask) -> None:
