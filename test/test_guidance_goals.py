@@ -22,7 +22,7 @@ from guidance_helpers import DEGREE, Array, begun, guidance, motion, quaternion,
 from scipy.spatial.transform import Rotation
 from truth_tables import columns, table
 
-from ppc_attitude.science.attitude import conjugate, product, rotate
+from ppc_attitude.science.attitude import product, rotate
 from ppc_attitude.science.guidance.frames import FRAME_NAMES, INERTIAL, NADIR, SPIN, SUN, frame_at
 from ppc_attitude.science.guidance.goals import (
     ACCEPTED,
@@ -31,7 +31,7 @@ from ppc_attitude.science.guidance.goals import (
     hold,
     pursue,
 )
-from ppc_attitude.science.guidance.rotation import about, axis_and_angle
+from ppc_attitude.science.guidance.rotation import about, turn_between
 from ppc_attitude.science.guidance.trajectory import follow, points
 from ppc_attitude.science.keep_out import angle_between
 from ppc_attitude.science.orbit import orbit_at
@@ -60,10 +60,16 @@ def assert_same(ours: Array, truth: Array, attitude: float, rate: float, bend: f
 def assert_moves_by_its_rates(t: float, configuration: Any, state: Any) -> None:
     """ω_d and ω_d' at t [s] equal the difference quotients of q_d and ω_d."""
     before, now, after = (motion(t + s, configuration, state) for s in (-STEP, 0.0, STEP))
-    turn = product(conjugate(quaternion(before[:4])), quaternion(after[:4]))
-    axis, angle = axis_and_angle(turn)
+    axis, angle = turn_between(quaternion(before[:4]), quaternion(after[:4]))
     assert np.allclose(np.array(axis) * angle / (2.0 * STEP), now[4:7], rtol=0.0, atol=1e-9)
     assert np.allclose((after[4:7] - before[4:7]) / (2.0 * STEP), now[7:], rtol=0.0, atol=1e-6)
+
+
+def switch(t: float, frame: int, attitude: Any, configuration: Any, state: Any) -> None:
+    """Take a goal at t [s], at which the motion does not jump."""
+    before = motion(t, configuration, state)
+    assert pursue(t, frame, quaternion(attitude), configuration, state) == ACCEPTED
+    assert_same(motion(t, configuration, state), before, 1e-12, 1e-12, 1e-12)
 
 
 def fly(goals: list[tuple[float, int, Any]], configuration: Any, until: float) -> Any:
@@ -71,9 +77,7 @@ def fly(goals: list[tuple[float, int, Any]], configuration: Any, until: float) -
     state = begun(PAPER)
     times = [*(goal[0] for goal in goals[1:]), until]
     for (t, frame, attitude), end in zip(goals, times, strict=True):
-        before = motion(t, configuration, state)
-        assert pursue(t, frame, quaternion(attitude), configuration, state) == ACCEPTED
-        assert_same(motion(t, configuration, state), before, 1e-12, 1e-12, 1e-12)
+        switch(t, frame, attitude, configuration, state)
         plan = active(state)
         joints = [leg["begin"] for leg in plan["legs"][1 : plan["count"]]] + [plan["end"]]
         for joint in (joint for joint in joints if t < joint < end):
@@ -139,9 +143,7 @@ def test_random_switches_keep_the_limits() -> None:
         t = 0.0
         for attitude in attitudes[1:]:
             frame = int(random.integers(0, len(FRAME_NAMES)))
-            before = motion(t, configuration, state)
-            assert pursue(t, frame, quaternion(attitude), configuration, state) == ACCEPTED
-            assert_same(motion(t, configuration, state), before, 1e-12, 1e-12, 1e-12)
+            switch(t, frame, attitude, configuration, state)
             rest = float(random.uniform(0.0, 120.0))
             samples = np.array(
                 [motion(s, configuration, state) for s in np.linspace(t, t + rest, 50)]

@@ -24,9 +24,9 @@ import pytest
 from guidance_helpers import DEGREE, Array, guidance, quaternion, scenes
 from scipy.spatial.transform import Rotation
 
-from ppc_attitude.science.attitude import conjugate, product, rotate
+from ppc_attitude.science.attitude import product, rotate
 from ppc_attitude.science.guidance.profile import duration, profile, turned
-from ppc_attitude.science.guidance.rotation import about, axis_and_angle
+from ppc_attitude.science.guidance.rotation import about, turn_between
 from ppc_attitude.science.keep_out import (
     CONES,
     FOUND,
@@ -115,7 +115,7 @@ def assert_leads_there(plan: Plan, start: Any, goal: Any, record: Any, direction
 def test_closest_angles_of_the_direct_turn(case: dict[str, Any]) -> None:
     record, directions = scene(case)
     q = quaternion(case["start"])
-    axis, angle = axis_and_angle(product(conjugate(q), quaternion(case["goal"])))
+    axis, angle = turn_between(q, quaternion(case["goal"]))
     assert angle == pytest.approx(DEGREE * case["direct"]["angle_deg"], abs=1e-9)
     assert rest_to_rest(angle, LIMITS) == pytest.approx(case["direct"]["duration"], abs=1e-9)
     for i, expected in enumerate(case["direct"]["closest_deg"]):
@@ -253,8 +253,7 @@ def best_known(start: Array, goal: Array, record: Any, directions: Array, plan: 
             way.append(int(previous[way[-1]]))
         stops = nodes[way[::-1]]
         angles = [
-            axis_and_angle(product(conjugate(quaternion(a)), quaternion(b)))[1]
-            for a, b in itertools.pairwise(stops)
+            turn_between(quaternion(a), quaternion(b))[1] for a, b in itertools.pairwise(stops)
         ]
         duration_now = sum(rest_to_rest(angle, LIMITS) for angle in angles)
         if duration_now < shortest:

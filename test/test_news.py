@@ -59,21 +59,6 @@ def test_a_warning_and_its_end_are_told_at_the_instant_at_which_a_node_tells_the
     ]
 
 
-def test_the_instant_of_a_warning_is_looked_for_in_few_rounds(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """A step that plans a slew of days may take a second."""
-    rounds, run = [], Diagram.run
-
-    def counted(self: Diagram, stamps_ns: np.ndarray, samples: np.ndarray) -> None:
-        rounds.append(41_000_000_000 in stamps_ns)
-        run(self, stamps_ns, samples)
-
-    monkeypatch.setattr(Diagram, "run", counted)
-    list(concerns(case("wheels", faults=LOSSES[:1]), stamps_of(100.0, 49.0)))
-    assert sum(rounds) == 4
-
-
 def test_a_part_that_warns_all_the_time_is_heard_ten_times() -> None:
     scenario, stamps_ns = case("sensors_cubesat", "guaranteed"), stamps_of(100.0, 20.0)
     told = [(time, advice.text) for time, advice in concerns(scenario, stamps_ns)]

@@ -23,9 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.attitude import conjugate, normalised, product, rotate
+from ppc_attitude.science.attitude import normalised, product, rotate
 from ppc_attitude.science.guidance.profile import duration, profile
-from ppc_attitude.science.guidance.rotation import about, axis_and_angle
+from ppc_attitude.science.guidance.rotation import about, turn_between
 from ppc_attitude.science.kernel import (
     Quaternion,
     Vector,
@@ -196,11 +196,6 @@ def rest_to_rest(angle: float, limits: Any) -> float:
 
 
 @kernel
-def _turn(a: Quaternion, b: Quaternion) -> tuple[Vector, float]:
-    return axis_and_angle(product(conjugate(a), b))
-
-
-@kernel
 def _clear_axis(
     q: Quaternion, axis: Vector, angle: float, cones: Any, directions: Any, exempt: int
 ) -> int:
@@ -223,7 +218,7 @@ def _way_out(nodes: Any, tried: Any, cones: Any, directions: Any, inside: int) -
     start = quaternion(nodes[0])
     best, smallest = 0, math.inf
     for i in range(1, len(nodes) - 1):
-        axis, angle = _turn(start, quaternion(nodes[i]))
+        axis, angle = turn_between(start, quaternion(nodes[i]))
         nearer = angle < smallest * (1.0 - _TIE) and not tried[i]
         if nearer and _clear_axis(start, axis, angle, cones, directions, inside) != 0:
             best, smallest = i, angle
@@ -243,7 +238,7 @@ def _search(nodes: Any, root: int, cones: Any, directions: Any, limits: Any) -> 
     done = np.zeros(count, np.bool_)
     left = np.empty(count)
     for i in range(count):
-        angle = _turn(quaternion(nodes[i]), quaternion(nodes[goal]))[1]
+        angle = turn_between(quaternion(nodes[i]), quaternion(nodes[goal]))[1]
         left[i] = rest_to_rest(angle, limits)
     cost[root] = 0.0
     while True:
@@ -259,7 +254,7 @@ def _search(nodes: Any, root: int, cones: Any, directions: Any, limits: Any) -> 
             there = goal - step  # the goal first: its cost bounds the others'
             if done[there] or least + left[there] >= cost[goal]:
                 continue
-            axis, angle = _turn(q, quaternion(nodes[there]))
+            axis, angle = turn_between(q, quaternion(nodes[there]))
             total = least + rest_to_rest(angle, limits)
             quicker = total < cost[there] * (1.0 - _TIE) and total + left[there] < cost[goal]
             if quicker and _clear_axis(q, axis, angle, cones, directions, NO_CONE) != 0:
@@ -300,7 +295,7 @@ def route(
     store_quaternion(nodes[1], goal)
     root = 0
     previous = np.zeros(2, np.int64)
-    axis, angle = _turn(start, goal)
+    axis, angle = turn_between(start, goal)
     if inside or _clear_axis(start, axis, angle, cones, directions, NO_CONE) == 0:
         nodes = _stops(start, goal, cones, directions)
         tried = np.zeros(len(nodes), np.bool_)
@@ -322,7 +317,7 @@ def route(
     i = len(nodes) - 1
     for k in range(count - 1, -1, -1):
         q = quaternion(nodes[previous[i]])
-        axis, angle = _turn(q, quaternion(nodes[i]))
+        axis, angle = turn_between(q, quaternion(nodes[i]))
         exempt = inside if k == 0 else NO_CONE
         store_quaternion(attitudes[k], q)
         store(axes[k], scale(_clear_axis(q, axis, angle, cones, directions, exempt), axis))

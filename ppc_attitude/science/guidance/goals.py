@@ -21,10 +21,9 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.attitude import conjugate, product
 from ppc_attitude.science.guidance.frames import INERTIAL, LEAST_SINE, SKY, SPIN, frame_at
 from ppc_attitude.science.guidance.plan import LIMITS, LOOK, PLAN, plan_motion, start_plan
-from ppc_attitude.science.guidance.rotation import Motion, axis_and_angle, standing
+from ppc_attitude.science.guidance.rotation import Motion, standing, turn_between
 from ppc_attitude.science.guidance.sight import crossing, directions_at, goal_at
 from ppc_attitude.science.guidance.slew import (
     append_approach,
@@ -144,7 +143,7 @@ def kept_clear(trial: Any, t: float, free: float, exempt: int, guidance: Any, st
 @kernel
 def _bars(start: Quaternion, goal: Quaternion, cones: Any, directions: Any) -> int:
     """Bits of the cones that the direct turn crosses."""
-    axis, angle = axis_and_angle(product(conjugate(start), goal))
+    axis, angle = turn_between(start, goal)
     bits = 0
     for i in range(cones.count):
         if not turn_is_clear(start, axis, angle, cones, directions, ~(1 << i)):

@@ -33,7 +33,7 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.guidance.frames import INERTIAL, SPIN, SPINNING, frame_at
+from ppc_attitude.science.guidance.frames import SPINNING, frame_at
 from ppc_attitude.science.guidance.slew import GOES_ON, LONGER, ROUNDING, SHORTEST_BRAKE
 from ppc_attitude.science.kernel import Vector, kernel, norm, subtract
 from ppc_attitude.science.orbit import CURSOR
@@ -71,11 +71,8 @@ def frame_bounds(frame: int, spin_rate: float, sky: Any, duration: float) -> Vec
     duration : float
         Time that the bounds cover [s].
     """
-    if frame == INERTIAL:
-        return 0.0, 0.0, 0.0
-    if frame == SPIN:
-        return abs(spin_rate), 0.0, 0.0
     spinning, cursor = np.zeros((), SPINNING)[()], np.zeros((), CURSOR)[()]
+    spinning["axis"], spinning["rate"] = (0.0, 0.0, 1.0), spin_rate
     count = math.ceil(duration / _STEP) + 1
     rate, first, change = _largest(frame, count, spinning, sky, cursor)
     second = change / _STEP

@@ -71,6 +71,12 @@ def axis_and_angle(q: Quaternion) -> tuple[Vector, float]:
 
 
 @kernel
+def turn_between(a: Quaternion, b: Quaternion) -> tuple[Vector, float]:
+    """Eigenaxis, the same in both, and angle [rad] of the turn from one attitude to another."""
+    return axis_and_angle(product(conjugate(a), b))
+
+
+@kernel
 def exponential_motion(phi: Vector, first: Vector, second: Vector) -> Motion:
     """Exp(φ(t)) with its rate and acceleration, from φ, φ' and φ''.
 

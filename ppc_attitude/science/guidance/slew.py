@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ppc_attitude.science.attitude import conjugate, product, to_body
+from ppc_attitude.science.attitude import product, to_body
 from ppc_attitude.science.guidance.frames import INERTIAL, frame_at
 from ppc_attitude.science.guidance.plan import (
     append_polynomial,
@@ -32,9 +32,9 @@ from ppc_attitude.science.guidance.profile import Profile, duration, profile, tu
 from ppc_attitude.science.guidance.rotation import (
     Motion,
     about,
-    axis_and_angle,
     exponential_motion,
     relative_to,
+    turn_between,
 )
 from ppc_attitude.science.inertia import gyroscopic_share
 from ppc_attitude.science.kernel import (
@@ -202,7 +202,7 @@ def append_approach(
             return False
         t = plan.end
         start = end_attitude(plan)
-    axis, angle = axis_and_angle(product(conjugate(start), quaternion(plan.attitude)))
+    axis, angle = turn_between(start, quaternion(plan.attitude))
     return append_slew(plan, plan.frame, t, start, axis, angle, limits, sky, look)
 
 

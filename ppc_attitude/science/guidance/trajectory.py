@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.science.attitude import conjugate, product, unit_quaternion
+from ppc_attitude.science.attitude import unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.frames import INERTIAL
 from ppc_attitude.science.guidance.goals import (
@@ -34,7 +34,7 @@ from ppc_attitude.science.guidance.goals import (
     refused,
 )
 from ppc_attitude.science.guidance.plan import MOST_LEGS, append_polynomial, leg_motion
-from ppc_attitude.science.guidance.rotation import axis_and_angle, rotation_vector_rates
+from ppc_attitude.science.guidance.rotation import rotation_vector_rates, turn_between
 from ppc_attitude.science.guidance.slew import ROUNDING, SAMPLES
 from ppc_attitude.science.keep_out import EVERY_CONE
 from ppc_attitude.science.kernel import (
@@ -101,7 +101,7 @@ def points(
     record["time"][:count] = times
     record["attitude"][:count] = quaternions
     means = [
-        np.multiply(*axis_and_angle(product(conjugate(a), b))) / length
+        np.multiply(*turn_between(a, b)) / length
         for a, b, length in zip(quaternions[:-1], quaternions[1:], np.diff(times), strict=True)
     ]
     for i, (rate, acceleration) in enumerate(zip(rates, accelerations, strict=True)):
@@ -145,7 +145,7 @@ def quintic(
 def _segment(trial: Any, i: int, points: Any, limits: Any) -> float:
     """Add the quintic from one point to the next; its largest rate or acceleration by V or A."""
     start = quaternion(points.attitude[i])
-    axis, angle = axis_and_angle(product(conjugate(start), quaternion(points.attitude[i + 1])))
+    axis, angle = turn_between(start, quaternion(points.attitude[i + 1]))
     change = scale(angle, axis)
     length = points.time[i + 1] - points.time[i]
     last, last_second = rotation_vector_rates(
