@@ -61,7 +61,7 @@ from ppc_attitude.science.guarantee.surroundings import (
 from ppc_attitude.science.inertia import inertia_error
 from ppc_attitude.science.references.paper import motion_bounds
 from ppc_attitude.simulation.closed_loop import simulate
-from ppc_attitude.simulation.scenario import load
+from ppc_attitude.simulation.scenario import Scenario, load
 
 # Largest time that is promised from 1 deg/s [s], whatever the reference.
 SHIPPED = {
@@ -301,12 +301,21 @@ def test_an_inequality_has_a_name_of_its_own() -> None:
     assert sorted(set(names)) == sorted(names)
 
 
+def broken(scenario: Scenario) -> list[str]:
+    """Assumptions of its certificate that a scenario does not keep."""
+    law, nodes = scenario.parameters[CONTROLLER], nodes_around(scenario.parameters)
+    assumed = assumptions_of(law)
+    by_craft = broken_assumptions(assumed, law_of(law), nodes)
+    return [*by_craft, *broken_by_reference(assumed, nodes, duration=120.0)]
+
+
 @pytest.mark.parametrize(
     ("node", "values", "told"),
     [
         (PLANT, {"rate": 50.0}, "rate = 50 Hz"),
         (PLANT, {"max_torque": 0.04}, "max_torque = 0.04"),
         (PLANT, {"min_torque": 2e-4}, "min_torque = 0.0002"),
+        (PLANT, {"late_command": True}, "late_command = true; assumed"),
         (PLANT, {"rate_noise": 1e-6}, "the told rate is wrong by up to 5e-06 rad/s"),
         (PLANT, {"inertia": [2.9, 0, 0, 0, 2.5, 0, 0, 0, 1.9]}, "inertia is 0.0357 off"),
         (REFERENCE, {"amplitude": [0.014, 0.0, 0.0]}, "the reference reaches 0.014"),
@@ -315,15 +324,21 @@ def test_an_inequality_has_a_name_of_its_own() -> None:
 def test_a_scenario_outside_the_assumptions_is_named(
     node: str, values: dict[str, Any], told: str
 ) -> None:
-    parameters = load(configs("paper", "guaranteed"), {node: values}).parameters
-    law, nodes = parameters[CONTROLLER], nodes_around(parameters)
-    assumed = assumptions_of(law)
-    found = [
-        *broken_assumptions(assumed, law_of(law), nodes),
-        *broken_by_reference(assumed, nodes, duration=120.0),
-    ]
-    assert len(found) == 1
-    assert told in found[0]
+    (found,) = broken(load(configs("paper", "guaranteed"), {node: values}))
+    assert told in found
+
+
+@pytest.mark.parametrize(
+    ("overlays", "told"),
+    [
+        (["sensors_flagship"], "the told attitude is wrong by up to 0.0001939 rad (5 σ)"),
+        (["sensors_smallsat", "sensors_uncalibrated"], "the filter's covariance does not contain"),
+        (["flexible"], "plant = flexible: whether it keeps the assumed bounds is not known"),
+        (["wheels"], "certain torque of the wheels = 0.0482"),
+    ],
+)
+def test_hardware_that_was_not_assumed_is_named(overlays: list[str], told: str) -> None:
+    assert told in "; ".join(broken(case("guaranteed", *overlays)))
 
 
 def test_bounds_of_a_reference_need_no_memory_that_grows_with_the_run() -> None:
