@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 import pytest
-from guidance_helpers import DEGREE, Array, guidance, quaternion, same_sign
+from guidance_helpers import DEGREE, guidance, quaternion, same_sign
 from scipy.spatial.transform import Rotation
 from truth_tables import columns, table
 
@@ -104,22 +104,6 @@ def test_rates_of_an_exponential_invert(size: float) -> None:
     _, omega, alpha = exponential_motion(tuple(phi), tuple(first), tuple(second))
     back = rotation_vector_rates(tuple(phi), omega, alpha)
     assert np.allclose(back, (first, second), rtol=0.0, atol=1e-12)
-
-
-@pytest.mark.parametrize("scale", [0.003, 1.0, 2.5])
-def test_rates_are_difference_quotients(scale: float) -> None:
-    c1, c2, c3 = RANDOM.normal(size=(3, 3)) * scale
-
-    def moved(t: float) -> tuple[Array, Array, Array]:
-        phi, first = c1 + c2 * t + c3 * t * t, c2 + 2.0 * c3 * t
-        q, omega, alpha = exponential_motion(tuple(phi), tuple(first), tuple(2.0 * c3))
-        return np.array(q), np.array(omega), np.array(alpha)
-
-    h = 1e-5
-    (before, slower, _), (_, omega, alpha), (after, faster, _) = map(moved, (-h, 0.0, h))
-    turn = Rotation.from_quat(before).inv() * Rotation.from_quat(after)
-    assert np.allclose(turn.as_rotvec() / (2.0 * h), omega, rtol=1e-7, atol=1e-7 * scale)
-    assert np.allclose((faster - slower) / (2.0 * h), alpha, rtol=1e-7, atol=1e-7 * scale)
 
 
 def test_axis_of_half_a_turn_has_a_positive_first_component() -> None:
