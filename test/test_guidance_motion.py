@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 import pytest
-from guidance_helpers import DEGREE, guidance, quaternion, same_sign
+from guidance_helpers import DEGREE, guidance, same_sign
 from scipy.spatial.transform import Rotation
 from truth_tables import columns, table
 
@@ -35,9 +35,7 @@ from ppc_attitude.science.guidance.profile import duration, profile, turned
 from ppc_attitude.science.guidance.rotation import (
     about,
     axis_and_angle,
-    composed,
     exponential_motion,
-    relative_to,
     rotation_vector_rates,
     turn_between,
 )
@@ -127,19 +125,6 @@ def test_matrix_to_quaternion_on_every_branch() -> None:
             x, y, z = Rotation.from_quat(expected).as_matrix().T
             q = np.array(quaternion_of(tuple(x), tuple(y), tuple(z)))
             assert np.abs(same_sign(q, expected) - expected).max() < 1e-15
-
-
-def test_relative_motion_composes_back() -> None:
-    frame, motion = (
-        (
-            quaternion(Rotation.random(random_state=i).as_quat()),
-            *map(tuple, RANDOM.normal(size=(2, 3))),
-        )
-        for i in (1, 2)
-    )
-    back = composed(frame, relative_to(frame, motion))
-    assert np.abs(same_sign(np.array(back[0]), np.array(motion[0])) - motion[0]).max() < 1e-15
-    assert np.allclose(back[1:], motion[1:], atol=1e-14)
 
 
 @pytest.mark.parametrize(("frame", "name"), [(NADIR, "nadir"), (GROUND, "ground")])
