@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 from craft_helpers import case, guaranteed
 from scipy.spatial.transform import Rotation
+from test_closed_loop import POWERS, factor
 
 from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.science.controllers.brake import axis_rate, capped_brake, deceleration
@@ -31,16 +32,6 @@ from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, assumpt
 from ppc_attitude.science.guarantee.body import body_of
 from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import FINE, Speed, cells
-
-POWERS_OF_TIME = {
-    "s": 1,
-    "1/s": -1,
-    "rad/s": -1,
-    "N·m·s": -1,
-    "rad/s²": -2,
-    "N·m": -2,
-    "rad/s³": -3,
-}
 
 
 def test_no_random_state_needs_more_than_the_load() -> None:
@@ -150,9 +141,9 @@ def test_a_known_reference_is_followed_until_a_slow_craft_has_settled(
     times = []
     for slower in (1.0, 16.0):
         for each in PARAMETERS:
-            if each.unit in POWERS_OF_TIME:
-                factor = slower ** POWERS_OF_TIME[each.unit]
-                values[each.name] = np.multiply(factor, values[each.name]).tolist()
+            if each.unit in POWERS:
+                scale = factor(each.unit, 1.0, slower)
+                values[each.name] = np.multiply(scale, values[each.name]).tolist()
         bound = known_reference.KnownReference(
             assumptions_of(values), law_of(values), lambda t: np.zeros((t.size, 3)), np.zeros(3)
         )

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from craft_helpers import CONFIG, configs
+from craft_helpers import CONFIG, configs, pulse
 
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
@@ -267,15 +267,6 @@ def test_pulses_are_whole_nanoseconds() -> None:
     assert found["torque"].tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
 
 
-def test_with_values_leaves_the_original_alone_and_checks() -> None:
-    case = scenario({})
-    changed = case.with_values("ppc_controller", beta=5.0)
-    assert changed.parameters["ppc_controller"]["beta"] == 5.0
-    assert case.parameters["ppc_controller"]["beta"] == 3.6
-    with pytest.raises(ConfigurationError, match="beta = 0"):
-        case.with_values("ppc_controller", beta=0.0)
-
-
 def test_a_filter_that_hears_no_sensor_of_its_own_is_refused_for_that() -> None:
     """Not only because the numbers of a tracker that nobody wants are zero."""
     message = r"cross_noise = 0.*; it reads gyro, which no .* gives; sensors = gyro_star_tracker wo"
@@ -327,8 +318,7 @@ def test_a_pulse_that_would_never_act_is_refused(start: float, duration: float) 
 
 
 def one_pulse(start: float, duration: float) -> dict[str, dict[str, list[float]]]:
-    times = {"pulse_times": [start], "pulse_durations": [duration]}
-    return {"disturbance_injector": {**times, "pulse_torques": [0.1] * 3}}
+    return {"disturbance_injector": pulse(start, duration, 0.1, 0.1, 0.1)}
 
 
 def test_nodes_refuse_to_wait_for_what_nobody_sends(monkeypatch: pytest.MonkeyPatch) -> None:

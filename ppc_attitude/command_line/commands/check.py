@@ -143,7 +143,7 @@ def execute(arguments: argparse.Namespace) -> int:
                 "suspensions": guarantee.suspensions,
                 "known_reference": known,
                 "hits": hits,
-                **guarantee.certificate.to_json(),
+                **asdict(guarantee.certificate),
             }
         print_json(page)
     else:

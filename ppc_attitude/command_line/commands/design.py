@@ -20,6 +20,7 @@ For a law without a guarantee it searches gains over the loop in process (`gain_
 import argparse
 import json
 import math
+from dataclasses import asdict
 from pathlib import Path
 
 from ppc_attitude.analysis.guarantee import nodes_around
@@ -243,7 +244,7 @@ def execute(arguments: argparse.Namespace) -> int:
         law = str(scenario.parameters[CONTROLLER]["controller"])
         write_whole(arguments.output, _file(law, values, certificate, assumed))
         path = certificate_path(arguments.output)
-        text = json.dumps(certificate.to_json(), ensure_ascii=False, indent=1)
+        text = json.dumps(asdict(certificate), ensure_ascii=False, indent=1)
         write_whole(path, text + "\n")
         print(f"{arguments.output}, {path}")
     return DONE

@@ -16,7 +16,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -77,10 +77,6 @@ class Certificate:
         """True if every inequality is proved."""
         return all(each.holds for each in self.inequalities)
 
-    def to_json(self) -> dict[str, Any]:
-        """Return an object for a file."""
-        return asdict(self)
-
 
 def certify(
     values: Mapping[str, Any],
@@ -126,7 +122,7 @@ def differences(stored: Mapping[str, Any], certificate: Certificate) -> list[str
     Parameters
     ----------
     stored : mapping
-        Result of `Certificate.to_json`, read from a file.
+        `Certificate` as a mapping, read from a file.
     certificate : Certificate
         Proved anew for the present numbers.
     """
