@@ -24,14 +24,20 @@ from craft_helpers import orbit_record
 from truth_tables import TRUTH
 
 from ppc_attitude.contract.run_record import Array
+from ppc_attitude.science.guidance.frames import SPINNING, frame_at
 from ppc_attitude.science.guidance.goals import STATE, begin, motion_now
 from ppc_attitude.science.guidance.orders import ORDER, Orders
+from ppc_attitude.science.guidance.rotation import Motion
 from ppc_attitude.science.guidance.trajectory import POINTS
 from ppc_attitude.science.kernel import Quaternion
+from ppc_attitude.science.orbit import CURSOR
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references.goal import COMPONENT, configuration_of, configure
 
 DEGREE = math.pi / 180.0
+START = (0.155396346674834, 0.42708995923308624, 0.47918873440527965, 0.7508823469635318)
+DESIRED = (0.20000447615026493, -0.5000111903756623, -0.5000111903756623, -0.6782151786255484)
+STRAIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
 def scenes() -> list[dict[str, Any]]:
@@ -102,7 +108,21 @@ def guided(orders: Any, profiles: Any = ()) -> Part:
 
 def motion(t: float, configuration: Any, state: Any) -> Array:
     """q_d, ω_d, ω_d' as ten numbers."""
-    return np.array([x for part in motion_now(t, configuration, state) for x in part])
+    return np.concatenate(motion_now(t, configuration, state))
+
+
+def motion_of(frame: int, t: float, sky: Any) -> Motion:
+    """Motion at t [s] of a frame that does not spin."""
+    spinning, cursor = np.zeros((), SPINNING)[()], np.zeros((), CURSOR)[()]
+    return frame_at(t, frame, spinning, sky, cursor)[0]
+
+
+def assert_same(ours: Array, truth: Array, attitude: float, rate: float, bend: float) -> None:
+    """See that two motions, ten numbers each, differ by no more than so much."""
+    ours[:4] = same_sign(ours[:4], truth[:4])
+    assert np.abs(ours[:4] - truth[:4]).max() <= attitude
+    assert np.abs(ours[4:7] - truth[4:7]).max() <= rate
+    assert np.abs(ours[7:] - truth[7:]).max() <= bend
 
 
 def quaternion(values: Any) -> Quaternion:

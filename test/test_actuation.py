@@ -36,6 +36,7 @@ from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, TRUE_RATE
 from ppc_attitude.science.guarantee.actuation import actuation_of, are_full, momentum_of
 from ppc_attitude.science.guarantee.assumptions import assumptions_of, law_of
 from ppc_attitude.science.guarantee.surroundings import broken_assumptions, fastest_of
+from ppc_attitude.science.kernel import matrix
 from ppc_attitude.science.kinds import ACTUATORS, PLANTS
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.plants.rigid_body import rigid_body_step
@@ -47,10 +48,6 @@ FILES = configs("paper", "wheels", "orbit")
 OPTIONS = [f"--config={path}" for path in FILES]
 MOMENTUM, FASTEST = 0.15, 0.12  # [N·m·s], [rad/s]
 NO_FRICTION = {key: [0.0] for key in ("wheels.static", "wheels.coulomb", "wheels.viscous")}
-
-
-def rows(matrix: Array) -> Any:
-    return tuple(map(tuple, matrix.tolist()))
 
 
 def random_speeds(plant: dict[str, Any], omega: Array, random: np.random.Generator) -> Array:
@@ -97,8 +94,8 @@ def test_the_body_moves_as_a_rigid_one_up_to_the_rest(
         if not changed:
             assert given[:3] == pytest.approx(command, abs=1e-15)  # all of it can be had
         moved = np.array(craft.step(STEP_NS, [*given[3:], *external]))[4:7]
-        torque, body = tuple(command + external), rows(told.inertia)
-        inverse = rows(np.linalg.inv(told.inertia))
+        torque, body = tuple(command + external), matrix(told.inertia)
+        inverse = matrix(np.linalg.inv(told.inertia))
         _, rigid = rigid_body_step(tuple(q), tuple(omega), torque, body, inverse, h)
         rest = np.abs(told.inertia @ (moved - np.array(rigid))) / h
         worst = np.maximum(worst, rest)

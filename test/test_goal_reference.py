@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 from craft_helpers import dotted, verdict_on
-from guidance_helpers import cones, goals, guided, same_sign
+from guidance_helpers import DESIRED, START, STRAIGHT, cones, goals, guided, same_sign
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.analysis.keep_out import approaches_of
@@ -45,29 +45,20 @@ from ppc_attitude.simulation.flight_plan import goals_told
 from ppc_attitude.simulation.replay import replay
 from ppc_attitude.simulation.scenario import Scenario, scenario
 
-DESIRED_ATTITUDE = [
-    0.20000447615026493,
-    -0.5000111903756623,
-    -0.5000111903756623,
-    -0.6782151786255484,
-]
-STRAIGHT = [0.0, 0.0, 0.0, 1.0]
-START = [0.155396346674834, 0.42708995923308624, 0.47918873440527965, 0.7508823469635318]
-
 
 def flight(rate: float = 20.0, **reference: Any) -> Scenario:
     values = {"mode": "goal", **dotted(reference)}
     return scenario(
         {
             "reference_generator": values,
-            "spacecraft_plant": {"initial_attitude": START, "rate": rate, "min_torque": 0.0},
+            "spacecraft_plant": {"initial_attitude": [*START], "rate": rate, "min_torque": 0.0},
             "disturbance_injector": {"environment": False},
         }
     )
 
 
 def tour(rate: float = 20.0) -> Scenario:
-    first = (5.0, "inertial", DESIRED_ATTITUDE)
+    first = (5.0, "inertial", DESIRED)
     return flight(rate, **goals(first, (20.0, "nadir", STRAIGHT), (130.0, "spin", STRAIGHT)))
 
 
@@ -98,13 +89,13 @@ def test_motion_does_not_depend_on_the_rate_of_the_loop(toured: RunRecord) -> No
 
 
 def test_what_becomes_of_the_goals_is_told() -> None:
-    ordered = goals((5.0, "inertial", DESIRED_ATTITUDE), (10.0, "inertial", STRAIGHT))
+    ordered = goals((5.0, "inertial", DESIRED), (10.0, "inertial", STRAIGHT))
     told = goals_told(flight(**ordered, **cones(([0.0, 0.0, 1.0], "0 0 2", 0.1))))
     assert [each.time for each in told] == [5.0, 10.0]
     assert "inertial frame, turns by 42.71° in 1 leg, there at t = 33.357 s" in told[0].advice.text
     assert told[1].advice.warning
     assert "order 2 is refused: it is inside keep-out cone 0" in told[1].advice.text
-    (late,) = goals_told(flight(**goals((5.000000005, "inertial", DESIRED_ATTITUDE))))
+    (late,) = goals_told(flight(**goals((5.000000005, "inertial", DESIRED))))
     assert late.time == pytest.approx(5.05), "the first step from its nanosecond on"
     assert goals_told(scenario({})) == []
 
@@ -132,7 +123,7 @@ def test_live_orders_act_from_their_stamp() -> None:
 
 
 def test_orders_before_the_begin_act_at_the_begin() -> None:
-    part = guided([goal_order(1_000_000_000, "inertial", DESIRED_ATTITUDE)])
+    part = guided([goal_order(1_000_000_000, "inertial", DESIRED)])
     # No attitude yet: nothing begins.
     assert part.step(2_000_000_000, [0.0] * 4) == (*STRAIGHT, *[0.0] * 6)
     part.step(7_000_000_000, START)
@@ -144,7 +135,7 @@ def test_orders_before_the_begin_act_at_the_begin() -> None:
     [
         ({"goals__times": [1.0]}, "goals.times has 1 values, goals.attitudes 0"),
         (
-            {"goals__times": [2.0, 1.0], "goals__attitudes": 2 * STRAIGHT},
+            {"goals__times": [2.0, 1.0], "goals__attitudes": [*STRAIGHT, *STRAIGHT]},
             r"goals.times = \[2.0, 1.0\]; allowed: none before the last",
         ),
         (
@@ -160,13 +151,13 @@ def test_orders_before_the_begin_act_at_the_begin() -> None:
         (
             {
                 "goals__times": [1.0],
-                "goals__attitudes": STRAIGHT,
+                "goals__attitudes": [*STRAIGHT],
                 "goals__points": [0.0, 5.0, *STRAIGHT, *[0.0] * 6],
             },
             r"goals.points has points of goal 0; allowed: goals with the frame profile, .* \[\]",
         ),
         (
-            {"goals__times": [1.0], "goals__attitudes": STRAIGHT, "goals__frames": ["profile"]},
+            {"goals__times": [1.0], "goals__attitudes": [*STRAIGHT], "goals__frames": ["profile"]},
             "a trajectory of 0 points; allowed: 2 to 40",
         ),
         ({"keep_out__half_angles": [0.1]}, "keep_out.axes has 0 values, keep_out.half_angles 1"),
@@ -211,7 +202,7 @@ def test_torque_of_a_slew_is_the_largest_of_all_axes() -> None:
 def test_analysis_tells_how_near_the_craft_itself_came() -> None:
     axis, direction = np.array([0.0, 0.6, 0.8]), np.array([0.0, 0.0, -1.0])
     both = cones((axis, "0 0 -2", 0.3), ([1.0, 0.0, 0.0], "nadir", 0.1))
-    record = simulate(flight(**goals((1.0, "inertial", DESIRED_ATTITUDE)), **both), 40.0)
+    record = simulate(flight(**goals((1.0, "inertial", DESIRED)), **both), 40.0)
     attitudes = record.columns["attitude"]
     fixed, nadir = approaches_of(record)
     pointed = Rotation.from_quat(attitudes).apply(axis)
@@ -273,7 +264,7 @@ def test_orders_given_in_flight_are_replayed_from_what_was_told() -> None:
     scheduled = simulate(
         flight(
             **goals(
-                (1.0, "inertial", DESIRED_ATTITUDE),
+                (1.0, "inertial", DESIRED),
                 (6.0, "hold", STRAIGHT),
                 (6.0, "nadir", STRAIGHT),
                 (8.1, "profile", STRAIGHT),

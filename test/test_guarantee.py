@@ -274,12 +274,6 @@ def test_of_numbers_out_of_proportion_nothing_is_guaranteed_and_the_rest_is_chec
     assert re.search(why, page["doubts"][0])
 
 
-def test_a_gain_whose_square_is_zero_is_refused() -> None:
-    """An envelope's cells were divided by it, with warnings of NumPy."""
-    with pytest.raises(ConfigurationError, match=r"momentum_tube.k = 5e-324 .* ≥ 1e-09"):
-        case("guaranteed").with_values(CONTROLLER, **{"momentum_tube.k": 5e-324})
-
-
 def test_a_certificate_with_any_other_number_is_found_out() -> None:
     """Only its digest and its times had been compared."""
     stored = json.loads(certificate_path(*configs("guaranteed")).read_text())

@@ -19,13 +19,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from craft_helpers import configs, verdict_on
-from guidance_helpers import cones, goals
+from guidance_helpers import DESIRED, STRAIGHT, cones, goals
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 from synthetic import part_of
-from test_goal_reference import DESIRED_ATTITUDE, STRAIGHT, flight, given_in_flight
+from test_goal_reference import flight, given_in_flight
 
 from ppc_attitude.analysis.drawing import BLUE, ORANGE, RED
 from ppc_attitude.analysis.figures import figures_of
@@ -43,7 +43,7 @@ from ppc_attitude.simulation.replay import replay
 from ppc_attitude.simulation.scenario import load, scenario
 
 OWN = {"slews", "sky_map", "cone_angles"}
-SLEW, STANDS = (5.0, "inertial", DESIRED_ATTITUDE), ([0.0, 0.0, 1.0], "0 0 1", 0.9)
+SLEW, STANDS = (5.0, "inertial", DESIRED), ([0.0, 0.0, 1.0], "0 0 1", 0.9)
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def test_flight_is_what_the_reference_did(record: RunRecord) -> None:
     q = record.columns["reference_attitude"][found.picked[-1]]
     assert abs(np.dot(q, found.goals[-1])) == pytest.approx(1.0, abs=1e-12)
     first = int(np.searchsorted(found.picked, 100))  # t = 5 s at 20 Hz
-    assert abs(np.dot(found.goals[first], DESIRED_ATTITUDE)) == pytest.approx(1.0, abs=1e-9)
+    assert abs(np.dot(found.goals[first], DESIRED)) == pytest.approx(1.0, abs=1e-9)
 
 
 def test_goals_given_in_flight_are_found_too(record: RunRecord) -> None:

@@ -18,12 +18,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from guidance_helpers import DEGREE, Array, begun, guidance, motion, quaternion, same_sign
+from guidance_helpers import (
+    DEGREE,
+    DESIRED,
+    START,
+    STRAIGHT,
+    assert_same,
+    begun,
+    guidance,
+    motion,
+    motion_of,
+    quaternion,
+    same_sign,
+)
 from scipy.spatial.transform import Rotation
 from truth_tables import columns, table
 
 from ppc_attitude.science.attitude import product, rotate
-from ppc_attitude.science.guidance.frames import FRAME_NAMES, INERTIAL, NADIR, SPIN, SUN, frame_at
+from ppc_attitude.science.guidance.frames import FRAME_NAMES, INERTIAL, NADIR, SPIN, SUN
 from ppc_attitude.science.guidance.goals import (
     ACCEPTED,
     CROSSES,
@@ -36,10 +48,7 @@ from ppc_attitude.science.guidance.trajectory import follow, points
 from ppc_attitude.science.keep_out import angle_between
 from ppc_attitude.science.orbit import orbit_at
 
-PAPER = (0.155396346674834, 0.42708995923308624, 0.47918873440527965, 0.7508823469635318)
-DESIRED = (0.20000447615026493, -0.5000111903756623, -0.5000111903756623, -0.6782151786255484)
 OTHER = (0.5241424183609591, 0.5241424183609591, -0.5241424183609591, 0.4193139346887673)
-STRAIGHT = (0.0, 0.0, 0.0, 1.0)
 SWITCHES = [(0.0, INERTIAL, DESIRED), (12.0, NADIR, STRAIGHT), (60.0, INERTIAL, OTHER)]
 MOTION = ("qx", "qy", "qz", "qw", "wx", "wy", "wz", "ax", "ay", "az")
 V, A = 2.0 * DEGREE, 0.4 * DEGREE
@@ -48,13 +57,6 @@ STEP = 1e-4  # [s] of difference quotients
 
 def active(state: Any) -> Any:
     return state["plans"][state["active"]]
-
-
-def assert_same(ours: Array, truth: Array, attitude: float, rate: float, bend: float) -> None:
-    ours[:4] = same_sign(ours[:4], truth[:4])
-    assert np.abs(ours[:4] - truth[:4]).max() <= attitude
-    assert np.abs(ours[4:7] - truth[4:7]).max() <= rate
-    assert np.abs(ours[7:] - truth[7:]).max() <= bend
 
 
 def assert_moves_by_its_rates(t: float, configuration: Any, state: Any) -> None:
@@ -74,7 +76,7 @@ def switch(t: float, frame: int, attitude: Any, configuration: Any, state: Any) 
 
 def fly(goals: list[tuple[float, int, Any]], configuration: Any, until: float) -> Any:
     """Follow goals; every change is without a jump, and the motion is always its own derivative."""
-    state = begun(PAPER)
+    state = begun(START)
     times = [*(goal[0] for goal in goals[1:]), until]
     for (t, frame, attitude), end in zip(goals, times, strict=True):
         switch(t, frame, attitude, configuration, state)
@@ -90,17 +92,17 @@ def fly(goals: list[tuple[float, int, Any]], configuration: Any, until: float) -
 
 def test_slew_from_rest_is_the_truths() -> None:
     truth = table("slew_samples")
-    configuration, state = guidance(), begun(PAPER)
+    configuration, state = guidance(), begun(START)
     pursue(5.0, INERTIAL, DESIRED, configuration, state)
     assert active(state)["end"] == pytest.approx(5.0 + 28.357009755863345, abs=1e-9)
-    still = begun(PAPER)
+    still = begun(START)
     for row in columns(truth, "t", *MOTION):
         ours = motion(row[0], configuration, state if row[0] >= 5.0 else still)
         assert_same(ours, row[1:], 1e-12, 1e-12, 1e-13)
 
 
 def test_switches_in_flight_are_the_truths() -> None:
-    configuration, state, left = guidance(), begun(PAPER), list(SWITCHES)
+    configuration, state, left = guidance(), begun(START), list(SWITCHES)
     lengths = []
     for row in columns(table("goal_switch"), "t", *MOTION):
         while left and left[0][0] <= row[0]:
@@ -116,14 +118,14 @@ def test_switches_in_flight_are_the_truths() -> None:
 @pytest.mark.parametrize("frame", range(len(FRAME_NAMES)), ids=FRAME_NAMES)
 def test_every_frame_is_reached_from_rest_and_left_in_motion(frame: int) -> None:
     state = fly(
-        [(3.0, frame, OTHER), (150.0, INERTIAL, DESIRED), (330.0, frame, PAPER)], guidance(), 480.0
+        [(3.0, frame, OTHER), (150.0, INERTIAL, DESIRED), (330.0, frame, START)], guidance(), 480.0
     )
     assert active(state)["end"] < 480.0
 
 
 def test_goal_during_a_brake() -> None:
     goals = [(0.0, INERTIAL, DESIRED), (12.0, NADIR, STRAIGHT), (15.0, SUN, OTHER)]
-    fly([*goals, (18.5, INERTIAL, PAPER), (19.0, SPIN, STRAIGHT)], guidance(), 200.0)
+    fly([*goals, (18.5, INERTIAL, START), (19.0, SPIN, STRAIGHT)], guidance(), 200.0)
 
 
 def test_brake_with_little_jerk_keeps_the_rate() -> None:
@@ -154,13 +156,13 @@ def test_random_switches_keep_the_limits() -> None:
 
 
 def test_goal_where_it_is_already_takes_no_time() -> None:
-    state = begun(PAPER)
-    assert pursue(1.0, INERTIAL, quaternion(-np.array(PAPER)), guidance(), state) == ACCEPTED
+    state = begun(START)
+    assert pursue(1.0, INERTIAL, quaternion(-np.array(START)), guidance(), state) == ACCEPTED
     assert active(state)["end"] == 1.0
 
 
 def test_hold_brakes_and_stays() -> None:
-    configuration, state = guidance(), begun(PAPER)
+    configuration, state = guidance(), begun(START)
     pursue(0.0, NADIR, STRAIGHT, configuration, state)
     before = motion(20.0, configuration, state)
     assert hold(20.0, configuration, state) == ACCEPTED
@@ -177,7 +179,7 @@ def test_hold_brakes_and_stays() -> None:
 def test_hold_is_followed_where_the_acceleration_was_limited_amid_a_slew() -> None:
     """A brake that kept a tenth of A was so long that the present acceleration led far beyond V."""
     configuration, state = guidance(), begun(STRAIGHT)
-    pursue(0.0, INERTIAL, PAPER, configuration, state)
+    pursue(0.0, INERTIAL, START, configuration, state)
     A = configuration["limits"]["max_acceleration"]
     configuration["limits"]["max_acceleration"] = 0.1 * A
     for t in np.arange(0.5, 10.0, 0.5):
@@ -193,7 +195,7 @@ def test_hold_is_followed_where_the_acceleration_was_limited_amid_a_slew() -> No
 
 
 def test_spin_turns_at_its_rate_about_its_axis() -> None:
-    configuration, state = guidance(), begun(PAPER)
+    configuration, state = guidance(), begun(START)
     pursue(0.0, SPIN, OTHER, configuration, state)
     end = float(active(state)["end"])
     turn = Rotation.from_rotvec(DEGREE * (end + 7.0) * configuration["spin_axis"])
@@ -205,9 +207,9 @@ def test_spin_turns_at_its_rate_about_its_axis() -> None:
 
 @pytest.mark.parametrize("share", [0.9, -0.9, 0.87])
 def test_the_fastest_spins_that_are_allowed_are_caught_up_with(share: float) -> None:
-    configuration, state = guidance(), begun(PAPER)
+    configuration, state = guidance(), begun(START)
     configuration["spin_rate"] = share * V
-    assert pursue(0.0, SPIN, PAPER, configuration, state) == ACCEPTED
+    assert pursue(0.0, SPIN, START, configuration, state) == ACCEPTED
     times = np.linspace(0.0, float(active(state)["end"]), 500)
     rates = [np.linalg.norm(motion(t, configuration, state)[4:7]) for t in times]
     assert max(rates) < 1.001 * V
@@ -247,9 +249,7 @@ def test_goal_is_judged_by_where_it_and_the_cones_are_at_arrival(
 ) -> None:
     """Until then Earth moves by some degrees in inertial axes; two starts are inside the cone."""
     y, z = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-    state = begun(STRAIGHT)
-    spinning, look = active(state)["spinning"], state["look"]["now"]
-    nadir = frame_at(0.0, NADIR, spinning, guidance()["sky"], look)[0][0]
+    nadir = motion_of(NADIR, 0.0, guidance()["sky"])[0]
     start = product(nadir, about(y, begin * DEGREE))
     where = " ".join(map(str, rotate(start, z))) if about_what == "start" else about_what
     configuration = guidance((z, where, 40.0 * DEGREE))
@@ -258,9 +258,9 @@ def test_goal_is_judged_by_where_it_and_the_cones_are_at_arrival(
 
 
 def test_timed_profile_goes_through_its_points() -> None:
-    configuration, state = guidance(), begun(PAPER)
+    configuration, state = guidance(), begun(START)
     attitudes = [
-        (Rotation.from_quat(PAPER) * Rotation.from_rotvec(v)).as_quat()
+        (Rotation.from_quat(START) * Rotation.from_rotvec(v)).as_quat()
         for v in ([0.1, 0.0, 0.0], [0.2, 0.1, 0.0], [0.3, 0.1, 0.1], [0.3, 0.2, 0.0])
     ]
     times = [60.0, 85.0, 110.0, 140.0]
@@ -294,19 +294,19 @@ def test_wait_for_a_timed_profile_keeps_clear_of_cones_that_move() -> None:
 @pytest.mark.parametrize(
     ("times", "attitudes", "rates", "message"),
     [
-        ([1.0], [PAPER], [None], "a trajectory of 1 points; allowed: 2 to 40"),
-        ([1.0, 1.0], [PAPER, OTHER], [None, None], "allowed: finite and increasing"),
-        ([1.0, np.nan], [PAPER, OTHER], [None, None], "allowed: finite and increasing"),
-        ([0.0, 1e-70], [PAPER, PAPER], [None, None], "increasing by more than 1e-12 s"),
+        ([1.0], [START], [None], "a trajectory of 1 points; allowed: 2 to 40"),
+        ([1.0, 1.0], [START, OTHER], [None, None], "allowed: finite and increasing"),
+        ([1.0, np.nan], [START, OTHER], [None, None], "allowed: finite and increasing"),
+        ([0.0, 1e-70], [START, START], [None, None], "increasing by more than 1e-12 s"),
         (
             [1.0, 2.0],
-            [PAPER, (1.0, 1.0, 0.0, 0.0)],
+            [START, (1.0, 1.0, 0.0, 0.0)],
             [None, None],
             "of point 1 = .* norm 1.41",
         ),
-        ([1.0, 2.0], [(np.nan,) * 4, PAPER], [None, None], "of point 0 = .* norm nan"),
-        ([1.0, 2.0], [PAPER, OTHER], [(0.1, 0.0, 0.0), None], "point 0 is in motion"),
-        ([1.0, 2.0, 3.0], [PAPER, OTHER, PAPER], [None, (np.inf, 0, 0), None], "not finite"),
+        ([1.0, 2.0], [(np.nan,) * 4, START], [None, None], "of point 0 = .* norm nan"),
+        ([1.0, 2.0], [START, OTHER], [(0.1, 0.0, 0.0), None], "point 0 is in motion"),
+        ([1.0, 2.0, 3.0], [START, OTHER, START], [None, (np.inf, 0, 0), None], "not finite"),
     ],
 )
 def test_bad_timed_profile_is_refused(times: Any, attitudes: Any, rates: Any, message: str) -> None:
@@ -315,5 +315,5 @@ def test_bad_timed_profile_is_refused(times: Any, attitudes: Any, rates: Any, me
 
 
 def test_attitudes_of_a_timed_profile_that_are_nearly_unit_are_made_unit() -> None:
-    record = points([1.0, 2.0], [PAPER, np.multiply(1.0009, OTHER)], [None] * 2, [None] * 2)
+    record = points([1.0, 2.0], [START, np.multiply(1.0009, OTHER)], [None] * 2, [None] * 2)
     assert record["attitude"][1] == pytest.approx(OTHER, rel=1e-12)

@@ -18,19 +18,16 @@ import math
 
 import numpy as np
 import pytest
-from guidance_helpers import DEGREE, guidance, same_sign
+from guidance_helpers import DEGREE, assert_same, guidance, motion_of, same_sign
 from scipy.spatial.transform import Rotation
 from truth_tables import columns, table
 
 from ppc_attitude.science.guidance.frames import (
     GROUND,
     NADIR,
-    SPINNING,
     SUN,
-    frame_at,
     quaternion_of,
 )
-from ppc_attitude.science.guidance.plan import LOOK
 from ppc_attitude.science.guidance.profile import duration, profile, turned
 from ppc_attitude.science.guidance.rotation import (
     about,
@@ -89,10 +86,8 @@ def test_rates_of_the_rotation_vector_are_those_of_the_blend() -> None:
             first, second = (
                 tuple(float(p.deriv(order)(time)) for p in quintic) for order in (1, 2)
             )
-            q, omega, alpha = exponential_motion(tuple(phi[k]), first, second)
-            assert np.abs(same_sign(np.array(q), truth[k, :4]) - truth[k, :4]).max() < 1e-12
-            assert np.abs(omega - truth[k, 4:7]).max() < 1e-12
-            assert np.abs(alpha - truth[k, 7:]).max() < 1e-13
+            ours = np.concatenate(exponential_motion(tuple(phi[k]), first, second))
+            assert_same(ours, truth[k], 1e-12, 1e-12, 1e-13)
 
 
 @pytest.mark.parametrize("size", [1e-9, 1e-4, 0.009999, 0.010001, 0.5, 3.0])
@@ -129,36 +124,28 @@ def test_matrix_to_quaternion_on_every_branch() -> None:
 
 @pytest.mark.parametrize(("frame", "name"), [(NADIR, "nadir"), (GROUND, "ground")])
 def test_pointing_frames_are_the_truths(frame: int, name: str) -> None:
-    sky, spinning = guidance()["sky"], np.zeros((), SPINNING)[()]
-    truth = columns(POINTING, *(f"{name}_{x}" for x in MOTION))
+    sky, truth = guidance()["sky"], columns(POINTING, *(f"{name}_{x}" for x in MOTION))
     for k, t in enumerate(POINTING["t"]):
-        cursor = np.zeros((), LOOK)[()]["now"]
         # The truth's own state at t: the orbit has its own test.
         sky["orbit"]["position"] = columns(POINTING, "rx", "ry", "rz")[k]
         sky["orbit"]["velocity"] = columns(POINTING, "vx", "vy", "vz")[k]
         sky["earth_angle"] = math.radians(350.0) + 7.292115e-5 * t
-        (q, omega, alpha), _ = frame_at(0.0, frame, spinning, sky, cursor)
-        assert np.abs(same_sign(np.array(q), truth[k, :4]) - truth[k, :4]).max() < 1e-12
-        assert np.abs(omega - truth[k, 4:7]).max() < 1e-12
-        assert np.abs(alpha - truth[k, 7:]).max() < 1e-13
+        ours = np.concatenate(motion_of(frame, 0.0, sky))
+        assert_same(ours, truth[k], 1e-12, 1e-12, 1e-13)
 
 
 @pytest.mark.parametrize("frame", [NADIR, GROUND, SUN])
 def test_frames_move_by_their_rates(frame: int) -> None:
-    sky, spinning = guidance()["sky"], np.zeros((), SPINNING)[()]
-    cursor = np.zeros((), LOOK)[()]["now"]
-    t, h = 1000.25, 0.2  # within one step of the orbit's grid
-    before, now, after = (frame_at(t + s, frame, spinning, sky, cursor)[0] for s in (-h, 0.0, h))
+    sky, t, h = guidance()["sky"], 1000.25, 0.2  # within one step of the orbit's grid
+    before, now, after = (motion_of(frame, t + s, sky) for s in (-h, 0.0, h))
     axis, angle = turn_between(before[0], after[0])
     assert np.allclose(np.array(axis) * angle / (2.0 * h), now[1], rtol=1e-6, atol=1e-12)
     assert np.allclose((np.array(after[1]) - before[1]) / (2.0 * h), now[2], rtol=1e-5, atol=1e-12)
 
 
 def test_sun_frame_looks_at_the_sun_across_the_orbits_normal() -> None:
-    record = guidance()
-    cursor = np.zeros((), LOOK)[()]["now"]
-    q = frame_at(0.0, SUN, np.zeros((), SPINNING)[()], record["sky"], cursor)[0][0]
-    _, y, z = Rotation.from_quat(q).as_matrix().T
-    normal = np.cross(record["sky"]["orbit"]["position"], record["sky"]["orbit"]["velocity"])
+    sky = guidance()["sky"]
+    _, y, z = Rotation.from_quat(motion_of(SUN, 0.0, sky)[0]).as_matrix().T
+    normal = np.cross(sky["orbit"]["position"], sky["orbit"]["velocity"])
     assert abs(y @ normal) < 1e-12 * np.linalg.norm(normal)
     assert z[2] < 0.0  # January: the Sun is south

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 from craft_helpers import dotted
-from guidance_helpers import DEGREE, cones, goals, scenes
+from guidance_helpers import DEGREE, STRAIGHT, cones, goals, scenes
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.guidance.scene import Scene, heard, scene_at, told
@@ -29,7 +29,6 @@ from ppc_attitude.science.part import Part
 from ppc_attitude.science.references.goal import COMPONENT, configure
 from ppc_attitude.science.stamps import nanoseconds
 
-STRAIGHT = [0.0, 0.0, 0.0, 1.0]
 RADIUS, TILT = 6378137.0 + 550e3, math.radians(97.6)
 TURNING = math.sqrt(3.986004418e14 / RADIUS**3)  # [rad/s] of the default orbit
 

@@ -19,7 +19,8 @@ from typing import Any
 
 import pytest
 from craft_helpers import case, conditions
-from test_goal_reference import STRAIGHT, flight
+from guidance_helpers import STRAIGHT
+from test_goal_reference import flight
 
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
@@ -45,11 +46,11 @@ def test_check_says_what_a_slew_needs_of_torque_and_rate() -> None:
     spin = {"goals__frames": ["spin"], "spin__rate": 0.03}
     crossed = 2.8 * math.radians(2.0) * 0.03
     assert needed(**spin)["slew torque"].value == pytest.approx(torque.value + crossed, rel=1e-9)
-    goals = {"goals__attitudes": STRAIGHT * 2}
+    goals = {"goals__attitudes": [*STRAIGHT, *STRAIGHT]}
     assert needed(goals__times=[70.0, 120.0], **goals)["last goal"].holds
     assert not needed(goals__times=[70.0, 121.0], **goals)["last goal"].holds
     late, early, settled = (
-        needed(goals__times=times, goals__attitudes=STRAIGHT * len(times))["slew rate"]
+        needed(goals__times=times, goals__attitudes=[*STRAIGHT] * len(times))["slew rate"]
         for times in ([70.0], [5.0, 70.0], [])
     )
     # With errors within 5e-3 the law adds little to the slew's 2 deg/s.

@@ -198,6 +198,7 @@ BAD: list[tuple[str, dict[str, Any], str]] = [
     ("ppc_controller", {"momentum_tube.a_most": 1e20}, r"a_most = 1e\+20 rad/s²; .*≤ 1e\+06"),
     ("ppc_controller", {"M_omega": 1e300}, r"M_omega = 1e\+300 rad/s; .*≤ 1e\+06"),
     ("ppc_controller", {"momentum_tube.brake": [1e-50] * 3}, r"brake = 1e-50 N·m; .*≥ 1e-09"),
+    ("ppc_controller", {"momentum_tube.k": 5e-324}, r"momentum_tube.k = 5e-324 1/s; .*≥ 1e-09"),
     ("reference_generator", {"period_constant": [5e-324] * 3}, r"constant = 5e-324 s; .*≥ 0.01"),
     ("reference_generator", {"guidance.max_rate": 1e-9}, r"rate = 1e-09 rad/s; .*≥ 1e-05"),  # hangs
     ("reference_generator", {"guidance.max_acceleration": 1e-9}, r"1e-09 rad/s²; .*≥ 1e-07"),
