@@ -38,6 +38,8 @@ DEGREE = math.pi / 180.0
 START = (0.155396346674834, 0.42708995923308624, 0.47918873440527965, 0.7508823469635318)
 DESIRED = (0.20000447615026493, -0.5000111903756623, -0.5000111903756623, -0.6782151786255484)
 STRAIGHT = (0.0, 0.0, 0.0, 1.0)
+RADIUS, TILT = 6378137.0 + 550e3, math.radians(97.6)
+TURNING = math.sqrt(3.986004418e14 / RADIUS**3)  # [rad/s] of the default orbit
 
 
 def scenes() -> list[dict[str, Any]]:
@@ -134,3 +136,10 @@ def quaternion(values: Any) -> Quaternion:
 def same_sign(q: Array, other: Array) -> Array:
     """Q or −q, whichever is nearer to another, row by row."""
     return np.where(np.sum(q * other, axis=-1, keepdims=True) < 0.0, -q, q)
+
+
+def to_earth(t: Any) -> Any:
+    """Direction to Earth's centre on the default orbit without J2, shape (n, 3)."""
+    angle = TURNING * np.asarray(t, float)
+    side = np.sin(angle)
+    return -np.stack([np.cos(angle), side * math.cos(TILT), side * math.sin(TILT)], axis=-1)

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 from craft_helpers import dotted, verdict_on
-from guidance_helpers import DESIRED, START, STRAIGHT, cones, goals, guided, same_sign
+from guidance_helpers import DESIRED, START, STRAIGHT, cones, goals, guided, same_sign, to_earth
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.analysis.keep_out import approaches_of
@@ -208,13 +208,8 @@ def test_analysis_tells_how_near_the_craft_itself_came() -> None:
     pointed = Rotation.from_quat(attitudes).apply(axis)
     assert fixed.angle == pytest.approx(np.arccos(pointed @ direction).min(), abs=1e-9)
     assert (fixed.direction, fixed.half_angle) == ("0 0 -2", 0.3)
-    # A circular orbit of the default altitude and inclination, from the ascending node on.
-    radius = 6378137.0 + 550e3
-    turned = np.sqrt(3.986004418e14 / radius**3) * record.stamps_ns * 1e-9
-    tilt = math.radians(97.6)
-    place = [np.cos(turned), np.sin(turned) * math.cos(tilt), np.sin(turned) * math.sin(tilt)]
     looked = Rotation.from_quat(attitudes).apply([1.0, 0.0, 0.0])
-    expected = np.arccos(-np.sum(looked * np.transpose(place), axis=1)).min()
+    expected = np.arccos(np.sum(looked * to_earth(record.t), axis=1)).min()
     assert nadir.angle == pytest.approx(expected, abs=1e-3)  # J2 is not in the circle
     row = verdict_on(record, "keep_out")
     inside = max(each.half_angle - each.angle for each in (fixed, nadir))

@@ -19,8 +19,9 @@ import math
 import re
 import tracemalloc
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
-from functools import cache, reduce
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -80,35 +81,30 @@ def complete(assumed: Assumptions, law: Law) -> dict[str, Any]:
     return values_of() | parameters_of(assumed, law)
 
 
-class Intervals:
-    """mpmath's intervals: the second library."""
+def extreme(of: Callable[..., Any], *values: Any) -> Any:
+    """Interval of the largest or least of some numbers."""
+    pairs = [iv.mpf(each) for each in values]
+    return iv.mpf([of(each.a for each in pairs), of(each.b for each in pairs)])
 
-    pi = iv.pi
 
-    def number(self, value: float) -> Any:
-        return iv.mpf(value)
+def ends(x: Any) -> tuple[float, float]:
+    """Floats below and above an interval, whose ends a conversion may round by half a unit."""
+    low, high = float(iv.mpf(x).a), float(iv.mpf(x).b)
+    return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
 
-    def sqrt(self, x: Any) -> Any:
-        return iv.sqrt(x)
 
-    def sin(self, x: Any) -> Any:
-        return iv.sin(x)
-
-    def cos(self, x: Any) -> Any:
-        return iv.cos(x)
-
-    def largest(self, *values: Any) -> Any:
-        return reduce(lambda a, b: iv.mpf([max(a.a, b.a), max(a.b, b.b)]), map(iv.mpf, values))
-
-    def least(self, *values: Any) -> Any:
-        return reduce(lambda a, b: iv.mpf([min(a.a, b.a), min(a.b, b.b)]), map(iv.mpf, values))
-
-    def upper(self, x: Any) -> Any:
-        return iv.mpf(x.b)
-
-    def outward(self, x: Any) -> tuple[float, float]:
-        low, high = float(iv.mpf(x).a), float(iv.mpf(x).b)
-        return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
+# The second library: mpmath.
+INTERVALS = Arithmetic(
+    pi=iv.pi,
+    number=iv.mpf,
+    sqrt=iv.sqrt,
+    sin=iv.sin,
+    cos=iv.cos,
+    largest=partial(extreme, max),
+    least=partial(extreme, min),
+    upper=lambda x: iv.mpf(x.b),
+    outward=ends,
+)
 
 
 @pytest.mark.parametrize("name", ["guaranteed", "guaranteed_quiet", "guaranteed_ahead"])
@@ -146,7 +142,7 @@ def test_a_second_library_proves_the_same() -> None:
     count = (40, 2, 2)  # wider cells: a weaker statement, the same formulas
     law = replace(law, brake=(0.034, 0.034, 0.044))
     judged = {}
-    for name, arithmetic in (("arb", balls()), ("mpmath", Intervals()), ("floats", FLOATS)):
+    for name, arithmetic in (("arb", balls()), ("mpmath", INTERVALS), ("floats", FLOATS)):
         judged[name] = inequalities(Bounds(assumed, law, arithmetic, count))
     for ball, interval, number in zip(*judged.values(), strict=True):
         assert ball.holds is interval.holds is number.holds
@@ -161,8 +157,7 @@ def test_a_second_library_proves_the_same() -> None:
 def test_settling_times_of_both_libraries_agree() -> None:
     assumed, law = guaranteed()
     times = []
-    arithmetics: tuple[Arithmetic, ...] = (balls(), Intervals(), FLOATS)
-    for arithmetic in arithmetics:
+    for arithmetic in (balls(), INTERVALS, FLOATS):
         envelope = Envelope(Bounds(assumed, law, arithmetic, (40, 1, 1)))
         times.append(envelope.near_time(arithmetic.number(0.2), 0.02, 5e-3))
     assert times[1:] == pytest.approx(times[:1] * 2, rel=1e-12)

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 from craft_helpers import dotted
-from guidance_helpers import DEGREE, STRAIGHT, cones, goals, scenes
+from guidance_helpers import DEGREE, STRAIGHT, cones, goals, scenes, to_earth
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.guidance.scene import Scene, heard, scene_at, told
@@ -28,9 +28,6 @@ from ppc_attitude.science.orbit_elements import orbit_of
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references.goal import COMPONENT, configure
 from ppc_attitude.science.stamps import nanoseconds
-
-RADIUS, TILT = 6378137.0 + 550e3, math.radians(97.6)
-TURNING = math.sqrt(3.986004418e14 / RADIUS**3)  # [rad/s] of the default orbit
 
 
 def part_of(**values: Any) -> Part:
@@ -46,13 +43,6 @@ def said(part: Part, times: Any, attitude: Any = STRAIGHT) -> list[tuple[float, 
         if part.advices > before:
             found.append((float(t), part.advice.text, part.advice.warning))
     return found
-
-
-def to_earth(t: Any) -> Any:
-    """Direction to Earth's centre on the default orbit without J2, shape (n, 3)."""
-    angle = TURNING * np.asarray(t, float)
-    side = np.sin(angle)
-    return -np.stack([np.cos(angle), side * math.cos(TILT), side * math.sin(TILT)], axis=-1)
 
 
 def test_cone_that_comes_is_warned_of_before_it_is_there_and_called_off_after() -> None:
