@@ -110,24 +110,23 @@ def replay(record: RunRecord) -> Replay:
         The record names no known law and nothing else can be replayed, or it has no parameters for
         the law, or lacks an input of it.
     """
+    others, left_out = _others(record)
     if record.controller not in CONTROLLERS.components:
-        others, left_out = _others(record)
-        if others:
-            unknown = f"{CONTROLLERS.selector} = {record.controller}"
-            missing = tuple(dict.fromkeys((unknown, *_missing(record))))
-            return Replay(None, others, missing, left_out)
-        raise ConfigurationError(
-            f"{record.source}: controller {record.controller!r} is not one of "
-            f"{', '.join(CONTROLLERS.components)}: it cannot be replayed"
-        )
+        if not others:
+            raise ConfigurationError(
+                f"{record.source}: controller {record.controller!r} is not one of "
+                f"{', '.join(CONTROLLERS.components)}: it cannot be replayed"
+            )
+        unknown = f"{CONTROLLERS.selector} = {record.controller}"
+        missing = tuple(dict.fromkeys((unknown, *_missing(record))))
+        return Replay(None, others, missing, left_out)
     if CONTROLLER not in record.parameters:
         raise ConfigurationError(f"{record.source}: the parameters of {CONTROLLER} are not in it")
     law = CONTROLLERS.components[record.controller]
-    absent = [c.topic for c in (*law.inputs, TORQUE_COMMAND) if c.name not in record]
-    if absent:
-        raise ConfigurationError(f"{record.source}: no messages of {', '.join(absent)}")
-    of_law = _replayed(record, CONTROLLERS, law, (TORQUE_COMMAND,))
-    others, left_out = _others(record)
+    try:
+        of_law = _replayed(record, CONTROLLERS, law, (TORQUE_COMMAND,))
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{record.source}: {error}") from None
     return Replay(of_law, others, tuple(_missing(record)), left_out)
 
 
@@ -153,37 +152,33 @@ def _others(record: RunRecord) -> tuple[tuple[Difference, ...], tuple[str, ...]]
                 compared.remove(ENVIRONMENT_TORQUE)
             if ENVIRONMENT_TORQUE in component.inputs or not compared:
                 continue
-            why = _unplayable(record, kind, component, compared)
             try:
-                if not why:
-                    replayed.append(_replayed(record, kind, component, compared))
+                replayed.append(_replayed(record, kind, component, compared))
             except ConfigurationError as error:  # somebody's bag
-                why = str(error)
-            if why:
-                left_out.append(f"{component.name}: {why}")
+                left_out.append(f"{component.name}: {error}")
     return tuple(replayed), tuple(left_out)
 
 
-def _unplayable(
+def _see_that_it_can_be_played(
     record: RunRecord, kind: Kind, component: Component, compared: Sequence[Column]
-) -> str:
-    """Say why a component cannot be replayed; empty if it can."""
+) -> None:
+    """Raise ConfigurationError if it cannot: somebody's bag may lack what it reads."""
     columns = _columns(record)
     # What comes late may never have come.
     needed = (*component.inputs, *(each for each in compared if not each.late))
     if absent := [each.topic for each in needed if each.name not in columns]:
-        return f"no messages of {', '.join(absent)}"
+        raise ConfigurationError(f"no messages of {', '.join(absent)}")
     waits = record.parameters.get(PLANT, {}).get("lockstep", False)
     if NODE_OF[kind.name] == PLANT and kind is not SENSORS and not waits:
-        return "the plant ran free, so that no stamp tells what it had got by then"
-    try:
-        check_slots(component)
-    except ConfigurationError as reason:
-        return str(reason)
+        raise ConfigurationError(
+            "the plant ran free, so that no stamp tells what it had got by then"
+        )
+    check_slots(component)
     for column in component.inputs:
         if column.late and _is_astray(record, columns[column.name], NODE_OF[kind.name]):
-            return f"{column.topic} came at other times than {component.name} says"
-    return ""
+            raise ConfigurationError(
+                f"{column.topic} came at other times than {component.name} says"
+            )
 
 
 def _is_astray(record: RunRecord, rows: Array, node: str) -> bool:
@@ -222,7 +217,14 @@ def _columns(record: RunRecord) -> Mapping[str, Array]:
 def _replayed(
     record: RunRecord, kind: Kind, component: Component, compared: Sequence[Column]
 ) -> Difference:
-    """Run one component over the instants that have all it reads and all that is compared."""
+    """Run one component over the instants that have all it reads and all that is compared.
+
+    Raises
+    ------
+    ConfigurationError
+        It cannot be played; says why.
+    """
+    _see_that_it_can_be_played(record, kind, component, compared)
     read = _read(record, component, record.parameters[NODE_OF[kind.name]])
     if kind is PLANTS:
         # A plant reads what was given at the instant before.
@@ -233,7 +235,7 @@ def _replayed(
         if not column.late:
             complete &= np.isfinite(columns[column.name]).all(axis=1)
     if not complete.any():
-        raise ConfigurationError(f"{record.source}: no instant has all inputs and a command")
+        raise ConfigurationError("no instant has all inputs and a command")
     stamps = record.stamps_ns[complete]
     samples = _computed(record, kind, component, stamps, read[:, complete], compared)
     name, largest, k = compared[0].name, 0.0, 0
