@@ -38,6 +38,8 @@ DEGREE = math.pi / 180.0
 START = (0.155396346674834, 0.42708995923308624, 0.47918873440527965, 0.7508823469635318)
 DESIRED = (0.20000447615026493, -0.5000111903756623, -0.5000111903756623, -0.6782151786255484)
 STRAIGHT = (0.0, 0.0, 0.0, 1.0)
+MOTION = ("qx", "qy", "qz", "qw", "wx", "wy", "wz", "ax", "ay", "az")
+"""Columns of a motion in the truth's tables."""
 RADIUS, TILT = 6378137.0 + 550e3, math.radians(97.6)
 TURNING = math.sqrt(3.986004418e14 / RADIUS**3)  # [rad/s] of the default orbit
 

@@ -21,6 +21,7 @@ import pytest
 from guidance_helpers import (
     DEGREE,
     DESIRED,
+    MOTION,
     START,
     STRAIGHT,
     assert_same,
@@ -50,7 +51,6 @@ from ppc_attitude.science.orbit import orbit_at
 
 OTHER = (0.5241424183609591, 0.5241424183609591, -0.5241424183609591, 0.4193139346887673)
 SWITCHES = [(0.0, INERTIAL, DESIRED), (12.0, NADIR, STRAIGHT), (60.0, INERTIAL, OTHER)]
-MOTION = ("qx", "qy", "qz", "qw", "wx", "wy", "wz", "ax", "ay", "az")
 V, A = 2.0 * DEGREE, 0.4 * DEGREE
 STEP = 1e-4  # [s] of difference quotients
 

@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 import pytest
-from guidance_helpers import DEGREE, assert_same, guidance, motion_of, same_sign
+from guidance_helpers import DEGREE, MOTION, assert_same, guidance, motion_of, same_sign
 from scipy.spatial.transform import Rotation
 from truth_tables import columns, table
 
@@ -40,7 +40,6 @@ from ppc_attitude.science.guidance.rotation import (
 SLEWS = table("slews")
 BLEND = table("blend")
 POINTING = table("pointing")
-MOTION = ("qx", "qy", "qz", "qw", "wx", "wy", "wz", "ax", "ay", "az")
 RANDOM = np.random.default_rng(7)
 
 

@@ -138,11 +138,10 @@ def noisy() -> tuple[Assumptions, Law]:
 
 def test_no_time_is_promised_of_a_start_that_may_be_told_to_tumble() -> None:
     assumed, law = noisy()
-    values = values_of() | parameters_of(assumed, law)
     e_w = Bounds(assumed, law, FLOATS, COARSE).e_w
     fastest = math.degrees(law.omega0 - assumed.W)
     rates = [fastest - math.degrees(each * e_w) for each in (1.1, 0.9)]
-    promised = [each.rate for each in certify(values, rates=rates).promises]
+    promised = [each.rate for each in certify(complete(assumed, law), rates=rates).promises]
     assert promised == rates[:1]
 
 
