@@ -290,10 +290,20 @@ def test_two_line_elements_give_the_orbit_of_sgp4() -> None:
         (LINES.splitlines()[0], DATE, r"orbit\.tle has 1 lines; allowed: 2"),
         (with_checksums(LINES).replace("\n2 ", "\n3 "), DATE, "allowed: 69 characters"),
         (with_checksums(LINES).replace(".00016717", ".0001671²"), DATE, "allowed: 69 characters"),
-        (with_checksums(LINES.replace("51.6416", "       ")), DATE, "has inclination"),
-        (with_checksums(LINES.replace("2 25544", "2 25545")), DATE, "'25544' and '25545'"),
+        (with_checksums(LINES.replace("51.6416", "  .    ")), DATE, "not convert string to float"),
+        (with_checksums(LINES.replace("15.49815380", " 0.00000000")), DATE, "gives no orbit"),
+        (with_checksums(LINES.replace("2 25544", "2 25545")), DATE, "do not match"),
     ],
-    ids=["old", "checksum", "one line", "no element set", "no ASCII", "no number", "two craft"],
+    ids=[
+        "old",
+        "checksum",
+        "one line",
+        "no element set",
+        "no ASCII",
+        "no number",
+        "no motion",
+        "two craft",
+    ],
 )
 def test_bad_two_line_elements_are_refused(lines: str, epoch: str, reason: str) -> None:
     pytest.importorskip("sgp4.api")

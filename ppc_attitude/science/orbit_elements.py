@@ -19,7 +19,6 @@ equinox (TEME) are taken as our inertial frame: they differ by the nutation, les
 """
 
 import math
-import re
 from collections.abc import Mapping
 from functools import partial
 from typing import Any
@@ -72,19 +71,6 @@ J2000 = 2451545.0  # Julian date
 OLDEST = 30.0  # [d] SGP4 is off by tens of kilometres beyond
 _HIGHEST = 1e9  # [m] the Earth holds nothing that far away
 _LENGTH = 69
-_CRAFT = slice(2, 7)
-_NUMBERS = {
-    1: {"epoch": slice(18, 32)},
-    2: {
-        "inclination": slice(8, 16),
-        "right ascension": slice(17, 25),
-        "eccentricity": slice(26, 33),
-        "argument of perigee": slice(34, 42),
-        "mean anomaly": slice(43, 51),
-        "mean motion": slice(52, 63),
-    },
-}
-"""Where the numbers of each line are that an orbit cannot be without."""
 
 
 def orbit_of(values: Mapping[str, Any]) -> Any:
@@ -154,9 +140,9 @@ def _by_lines(values: Mapping[str, Any]) -> Any:
     """Record of dtype `ORBIT` from two lines, at t = 0."""
     with needed_by(f"{TLE.name} needs the package sgp4", "orbit"):
         from sgp4.api import SGP4_ERRORS, Satrec
-    first, second = _lines(values[TLE.name])
+    lines = _lines(values[TLE.name])
     days = epoch_of(values)
-    satellite = Satrec.twoline2rv(first, second)
+    satellite = Satrec.twoline2rv(*lines)
     age = days + (J2000 - satellite.jdsatepoch) - satellite.jdsatepochF
     if not abs(age) <= OLDEST:
         raise ConfigurationError(
@@ -176,9 +162,10 @@ def _by_lines(values: Mapping[str, Any]) -> Any:
     return record
 
 
-def _lines(text: str) -> tuple[str, str]:
-    """The two lines, with sound checksums; a line with the name of the craft may come first."""
-    from sgp4.io import compute_checksum
+def _lines(text: str) -> list[str]:
+    """The two lines, as sgp4 reads them; a line with the name of the craft may come first."""
+    from sgp4.earth_gravity import wgs72
+    from sgp4.io import compute_checksum, twoline2rv
 
     lines = [line.rstrip() for line in text.strip().splitlines()][-2:]
     if len(lines) != 2:
@@ -194,16 +181,11 @@ def _lines(text: str) -> tuple[str, str]:
             raise ConfigurationError(
                 f"line {number} of {TLE.name} ends in {line[-1]!r}; allowed: its checksum, {total}"
             )
-        for what, columns in _NUMBERS[number].items():
-            point = "" if what == "eccentricity" else r"\."  # of which only decimals are written
-            if not re.fullmatch(rf"\d*{point}\d+", line[columns].replace(" ", "")):
-                raise ConfigurationError(
-                    f"line {number} of {TLE.name} has {what} {line[columns]!r}; allowed: a number"
-                )
-    first, second = lines
-    if first[_CRAFT] != second[_CRAFT]:
+    try:
+        twoline2rv(*lines, wgs72)  # the class that propagates takes anything for a number
+    except (ValueError, ArithmeticError, TypeError) as error:  # the last of complex numbers
+        told = str(error).partition("\n")[0]
         raise ConfigurationError(
-            f"{TLE.name} has lines of craft {first[_CRAFT]!r} and {second[_CRAFT]!r}; "
-            "allowed: of one"
-        )
-    return first, second
+            f"{TLE.name} = {lines} gives no orbit: {told}; allowed: a two-line element set"
+        ) from None
+    return lines
