@@ -24,13 +24,11 @@ import pytest
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR
 from ppc_attitude.runtime.chain import Chain
 from ppc_attitude.science.component import Advice, Component
-from ppc_attitude.science.controllers import quaternion_feedback
 from ppc_attitude.science.environments import orbit
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.part import Part, configured, first_raised
-from ppc_attitude.science.rate_observer import with_front
 from ppc_attitude.science.references import goal
 from ppc_attitude.science.signals import APPLIED_TORQUE, ENVIRONMENT_TORQUE
 from ppc_attitude.simulation.scenario import check_components, scenario
@@ -265,10 +263,3 @@ def test_a_hook_that_raises_is_told_with_its_node_before_anything_runs(
     told = f"^{INJECTOR}: component mine: {hook} raised "
     with pytest.raises(ConfigurationError, match=told):
         check_components(INJECTOR, {})
-
-
-def test_a_law_may_be_put_behind_the_observer_twice() -> None:
-    law = CONTROLLERS.components["quaternion_feedback"]
-    values = scenario({}).parameters[CONTROLLER]
-    entries = [Part(with_front(quaternion_feedback.COMPONENT), values).addresses[0] for _ in "12"]
-    assert entries == [Part(law, values).addresses[0]] * 2

@@ -190,8 +190,6 @@ def test_noise_is_a_function_of_seed_and_step() -> None:
 @pytest.mark.parametrize(
     ("values", "complaint"),
     [
-        ([1.0] * 8, "has 8 values, 9"),
-        ([1.0, 0, 0, 0, 1, 0, 0, 0, math.nan], "must be finite"),
         ([1.0, 0.1, 0, 0, 1, 0, 0, 0, 1], "must be symmetric"),
         ([1.0, 0, 0, 0, -1, 0, 0, 0, 1], "must be positive definite"),
         ([1.0, 2, 0, 2, 1, 0, 0, 0, 1], "must be positive definite"),

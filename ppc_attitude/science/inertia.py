@@ -28,20 +28,15 @@ def inertia_matrix(name: str, values: ArrayLike) -> NDArray[np.float64]:
     name : str
         What to call it in an error.
     values : array_like
-        Nine numbers, row-major.
+        Nine finite numbers, row-major.
 
     Raises
     ------
     ConfigurationError
-        Not nine finite numbers, not symmetric, not positive definite, or the principal moments
-        break the triangle inequality, so that no rigid body has it.
+        Not symmetric, not positive definite, or the principal moments break the triangle
+        inequality, so that no rigid body has it.
     """
-    array = np.asarray(values, dtype=np.float64).ravel()
-    if array.size != 9:
-        raise ConfigurationError(f"{name} has {array.size} values, 9 (row-major) are needed")
-    if not np.isfinite(array).all():
-        raise ConfigurationError(f"{name} = {array.tolist()} must be finite")
-    inertia = array.reshape(3, 3)
+    inertia = np.asarray(values, dtype=np.float64).reshape(3, 3)
     rounding = 1e-14 * np.abs(inertia).max()  # what it may leave of a product that is zero
     if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=rounding):
         raise ConfigurationError(f"{name} = {inertia.tolist()} must be symmetric")

@@ -34,7 +34,6 @@ from ppc_attitude.science.attitude import kinematics, normalised
 from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import MAX_WHEELS
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import (
     Vector,
     add,
@@ -117,7 +116,7 @@ def multibody_record(values: Mapping[str, Any], wheels: Any) -> Any:
     """
     body, modes = rigid_body.configure(values), _modes(values)
     record = filled(CONFIGURATION, values, body=body, wheels=wheels, modes=modes)
-    inertia = inertia_matrix("inertia", values["inertia"])
+    inertia = body["inertia"]
     spin = wheels["axes"].T * wheels["inertia"] @ wheels["axes"]
     rest = inertia - spin - modes["coupling"].T @ modes["coupling"]
     if np.linalg.eigvalsh(rest)[0] <= 0.0:

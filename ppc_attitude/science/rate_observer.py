@@ -29,7 +29,6 @@ first one after a gap, since its last torque has not acted over it.
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numba
@@ -37,7 +36,7 @@ import numpy as np
 from numba import literal_unroll
 
 from ppc_attitude.science.compiled_stamps import seconds
-from ppc_attitude.science.component import Column, Component
+from ppc_attitude.science.component import Component
 from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.inertia import inertia_matrix
@@ -201,21 +200,10 @@ def compensate(observer: Any, memory: Any, torque: Vector) -> Vector:
     return command
 
 
-@cache
-def _unarmed(state: np.dtype[Any]) -> Any:
-    """Memory of a law before its first sample; one object, by which steps are told apart."""
-    return np.zeros((), state)[()]
-
-
-@cache
-def _names(columns: tuple[Column, ...]) -> tuple[str, ...]:
-    """Names of what a law gives; one object, too."""
-    return tuple(column.name for column in columns)
-
-
 def _step_of(law: Component) -> Any:
     """Step of a law behind the observer."""
-    step, unarmed, names = kernel_of(law), _unarmed(law.state), _names(law.outputs)
+    step, unarmed = kernel_of(law), np.zeros((), law.state)[()]
+    names = tuple(column.name for column in law.outputs)
 
     def observed(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         if quaternion(inputs.attitude) == NO_ATTITUDE:
