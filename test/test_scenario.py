@@ -183,6 +183,7 @@ BAD: list[tuple[str, dict[str, Any], str]] = [
     ("spacecraft_plant", {"initial_attitude": [0, 0, 0, 1.01]}, "initial_attitude .*norm 1.01"),
     ("spacecraft_plant", {"initial_attitude": [0, 0, 1]}, "initial_attitude .*has 3 values"),
     ("spacecraft_plant", {"min_torque": 0.06}, "min_torque = 0.06 N·m must be smaller than max_t"),
+    ("spacecraft_plant", {"star_tracker.rate": 1e-18}, r"rate = 1e-18 Hz; .*≥ 1e-09"),
     ("spacecraft_plant", {"thrusters.specific_impulse": 5e-324}, r"impulse = 5e-324 s; .*≥ 1"),
     ("spacecraft_plant", {"rate": 0}, "rate = 0 Hz; allowed: finite, ≥ 1"),
     ("spacecraft_plant", {"seed": 1.5}, "seed = 1.5; allowed: an integer"),

@@ -156,8 +156,6 @@ def test_slots() -> None:
             {"star_tracker.rate": 150.0},
             r"rate = 150.0 Hz does not divide .* is 100.0 Hz; rate = 150.0 Hz",
         ),
-        ({"star_tracker.rate": 5e-324}, r"star_tracker.rate = 5e-324 Hz is a fix in inf steps"),
-        ({"star_tracker.rate": 1e-18}, r"star_tracker.rate = 1e-18 Hz is a fix in 1e\+20 steps"),
         ({"star_tracker.latency": 10.0}, r"latency = 10.0 s is 10000 steps .* at most 1000"),
         ({"star_tracker.mounting": [0.0, 0.0, 1.0, 1.0]}, r"mounting .* has norm 1.41421"),
         ({"star_tracker.blinding_times": [1.0]}, r"blinding_times has 1 values, .*durations 0"),

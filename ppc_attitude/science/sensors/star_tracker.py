@@ -60,7 +60,7 @@ RATE = at_start(
     10.0,
     "fixes per second; divides the steps per second",
     "Hz",
-    above=0.0,
+    low=1e-9,
     agreed=True,
 )
 LATENCY = at_start(
@@ -117,7 +117,6 @@ ROUNDING = 7e-7
 A fix may arrive so much before its latency is over. No latency that is written in microseconds is
 this much longer than a whole number of steps: who sends and who waits never disagree.
 """
-_MOST_STEPS = 2**63  # from fix to fix: a record holds no more
 MAX_BLINDINGS = 32
 MAX_DELAY = 1000  # [steps] a late fix finds the state of its validity among so many
 STAR_TRACKER = record_type(
@@ -151,15 +150,10 @@ def slots(rate: float, values: Mapping[str, Any]) -> tuple[int, int]:
     Raises
     ------
     ConfigurationError
-        The tracker's rate does not divide the steps' (names the nearest that does) or is too small
-        to count them, or the latency is more than `MAX_DELAY` steps.
+        The tracker's rate does not divide the steps' (names the nearest that does), or the latency
+        is more than `MAX_DELAY` steps.
     """
     tracker, latency = values[RATE.name], values[LATENCY.name]
-    if not rate / tracker < _MOST_STEPS:
-        raise ConfigurationError(
-            f"{RATE.name} = {tracker} Hz is a fix in {rate / tracker:g} steps at {rate} Hz; "
-            f"allowed: in less than {_MOST_STEPS:g}"
-        )
     every = max(1, round(rate / tracker))
     # To the last digit: a node that waits for fixes counts slots by this rate alone, for days.
     if abs(rate / tracker - every) > 1e-14 * every:
