@@ -57,7 +57,7 @@ from ppc_attitude.nodes.reference_generator import ReferenceGenerator
 from ppc_attitude.nodes.spacecraft_plant import SpacecraftPlant
 from ppc_attitude.processes.exits import BROKEN
 from ppc_attitude.runtime.health import Health, Status
-from ppc_attitude.science.component import Advice
+from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.kinds import SENSORS
 from ppc_attitude.science.stamps import stamp_of
 

@@ -35,11 +35,11 @@ from estimation_helpers import (
 )
 from truth_tables import numbers
 
-from ppc_attitude.science.component import Advice
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.estimators.late_fixes import take_fix
 from ppc_attitude.science.estimators.mekf import filter_record
+from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.stamps import nanoseconds
 

@@ -23,9 +23,10 @@ import pytest
 
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR
 from ppc_attitude.runtime.chain import Chain
-from ppc_attitude.science.component import Advice, Component
+from ppc_attitude.science.component import Component
 from ppc_attitude.science.environments import orbit
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.part import Part, configured, first_raised

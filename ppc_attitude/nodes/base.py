@@ -42,7 +42,7 @@ from ppc_attitude.processes.exits import BROKEN, DONE
 from ppc_attitude.processes.telling import LINGERS, WAITING, tell, tell_broken
 from ppc_attitude.runtime.health import ERROR, OK, Health, Status
 from ppc_attitude.runtime.stamps import RefusedError
-from ppc_attitude.science.component import Advice
+from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.parameter import Value
 from ppc_attitude.science.stamps import nanoseconds, seconds
 

@@ -41,9 +41,10 @@ from ppc_attitude.runtime.chain import Chain
 from ppc_attitude.runtime.health import ERROR, OK, WARN, Status
 from ppc_attitude.runtime.pace import FreeRunning, Lockstep, Rules
 from ppc_attitude.runtime.stamps import Values
-from ppc_attitude.science.component import Advice, Column, Component, read_from_elsewhere
+from ppc_attitude.science.component import Column, Component, read_from_elsewhere
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import FAULTS, acting_of, fault_texts
+from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.kinds import CONTROLLERS, KINDS
 from ppc_attitude.science.parameter import Value
 from ppc_attitude.science.part import first_raised

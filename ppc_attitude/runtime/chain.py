@@ -19,7 +19,8 @@ from math import isfinite
 from typing import Any
 
 from ppc_attitude.runtime.stamps import Values
-from ppc_attitude.science.component import Advice, Component, read_from_elsewhere
+from ppc_attitude.science.component import Component, read_from_elsewhere
+from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.part import Part, first_raised
 
 

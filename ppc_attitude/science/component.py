@@ -25,14 +25,14 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, wraps
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ppc_attitude.science.conditions import Condition, Task
-from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.hooks import HOOKS, Advice, named
 from ppc_attitude.science.parameter import Parameter, filled, record_type
 
 INERTIAL, BODY, DESIRED, STAR_TRACKER = "inertial", "body", "desired", "star_tracker"
@@ -74,8 +74,6 @@ JOINTS = {
     ON_TIMES: Joints("thruster", MAX_THRUSTERS, 2),
 }
 """Forms of a column that has a number for each part of a sort."""
-PART = re.compile(r"[\w/.+-]+")
-"""Name of a part that can fail: a word in the text of a fault."""
 _TOPIC = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 _WIDTHS = {
     QUATERNION: (4,),
@@ -162,108 +160,15 @@ class Column:
         return self.name, np.float64, (self.width,)
 
 
-class Advice(NamedTuple):
-    """A component's advice to its user.
-
-    Attributes
-    ----------
-    text : str
-        The advice.
-    warning : bool
-        True if the user should act.
-    failed : bool
-        True if what it gives cannot be relied on any more.
-    numbers : mapping of str to float
-        What it counts and measures of itself, by name with unit.
-    """
-
-    text: str
-    warning: bool
-    failed: bool = False
-    numbers: Mapping[str, float] = MappingProxyType({})
-
-
 _NOTHING = np.dtype([("nothing", np.float64)])  # state or configuration of who has none
-
-
-def _advice(given: Any) -> Advice:
-    if not isinstance(given, Advice) or not isinstance(given.text, str):
-        raise TypeError(f"{given!r}; allowed: an Advice with a text")
-    return given
-
-
-def _parts(given: Any) -> dict[str, Any]:
-    for part, failures in dict(given).items():  # a Failure is a tuple, its fields are not
-        if not PART.fullmatch(part) or not all(isinstance(each, tuple) for each in failures):
-            raise ValueError(f"{part!r}: {failures!r}; allowed: a name without space and Failures")
-    return dict(given)
-
-
-def _size(given: Any) -> float:
-    if not float(given) >= 0.0:  # NaN is not either: it would be below every limit
-        raise ValueError(f"{given!r}; allowed: a number ≥ 0")
-    return float(given)
-
-
-def _sizes(given: Any) -> tuple[float, float]:
-    certain, most = map(_size, given)
-    if certain > most:
-        raise ValueError(f"{given!r}; allowed: no more for certain than at most")
-    return certain, most
-
-
-def _bounds_of_motion(given: Any) -> tuple[float, float, float]:
-    rate, acceleration, jerk = map(_size, given)
-    return rate, acceleration, jerk
-
-
-def _conditions(given: Any) -> tuple[Condition, ...]:
-    found = tuple(given)
-    if not all(isinstance(each, Condition) for each in found):
-        raise TypeError(f"{found!r}; allowed: Conditions")
-    return found
-
-
-_HOOKS: dict[str, Callable[[Any], Any]] = {
-    "configure": lambda made: made,
-    "advice": _advice,
-    "advices": int,
-    "exact": bool,
-    "torque": _sizes,
-    "faults": _parts,
-    "least_impulse": _size,
-    "bound": _size,
-    "motion_bounds": _bounds_of_motion,
-    "conditions": _conditions,
-}
-"""What a component may be asked, and what is made of the answer."""
-
-
-def _named(component: str, hook: str, ask: Callable[..., Any]) -> Callable[..., Any]:
-    """Let an error of a hook name both: it may be of a package that its user did not write."""
-    ask = getattr(ask, "asks", ask)  # of a component that is replaced by this one
-
-    @wraps(ask)
-    def asked(*given: Any) -> Any:
-        try:
-            return _HOOKS[hook](ask(*given))
-        except (ConfigurationError, KeyboardInterrupt):
-            raise
-        except BaseException as error:
-            raise ConfigurationError(
-                f"component {component}: {hook} raised {type(error).__name__}: {error}"
-            ) from error
-
-    vars(asked)["asks"] = ask
-    return asked
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Component:
     """A part of the craft, or of what surrounds and steers it; it says nothing of what it has not.
 
-    Whatever else than a ConfigurationError a hook raises becomes one that names both. No two
-    components are equal: to compare all that they declare takes a while.
+    A hook is asked through `hooks.named`. No two components are equal: to compare all that they
+    declare takes a while.
 
     Attributes
     ----------
@@ -336,9 +241,9 @@ class Component:
 
     def __post_init__(self) -> None:
         """Refuse a declaration that contradicts itself; name each hook in its errors."""
-        for hook in _HOOKS:
+        for hook in HOOKS:
             if ask := getattr(self, hook):
-                object.__setattr__(self, hook, _named(self.name, hook, ask))
+                object.__setattr__(self, hook, named(self.name, hook, ask))
         for columns in (self.inputs, self.outputs):
             names = ["stamp_ns", "t", *(column.name for column in columns)]
             twice = [name for name in names if names.count(name) > 1]

@@ -41,7 +41,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.attitude import euler_step, kinematics, normalised, rotation_angle
-from ppc_attitude.science.component import Advice
+from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.kernel import (
     ZERO,
     Quaternion,

@@ -27,8 +27,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ppc_attitude.science.component import PART
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.hooks import PART
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.parameter import Parameter, record_type
 from ppc_attitude.science.stamps import LATEST, nanoseconds, span

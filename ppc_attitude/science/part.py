@@ -37,9 +37,10 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError, NumbaExperimentalFeatureWarning
 from numba.extending import overload
 
-from ppc_attitude.science.component import Advice, Component
+from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.given import misfit, misfit_text, rules_of
+from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.kernel import OPTIONS, cache_of, carray, record_at
 from ppc_attitude.science.stamps import seconds
 

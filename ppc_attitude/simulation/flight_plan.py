@@ -17,8 +17,8 @@
 from typing import NamedTuple
 
 from ppc_attitude.contract.topics import PLANT, REFERENCE
-from ppc_attitude.science.component import Advice
 from ppc_attitude.science.guidance.orders import GOAL_TIMES
+from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.kinds import REFERENCES
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references import goal

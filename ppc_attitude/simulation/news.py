@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.contract.run_record import Array
-from ppc_attitude.science.component import Advice
+from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.stamps import seconds
 from ppc_attitude.simulation.diagram import Diagram

@@ -48,11 +48,11 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
 from ppc_attitude.science.attitude import attitude_error
-from ppc_attitude.science.component import Advice
 from ppc_attitude.science.conditions import Condition
 from ppc_attitude.science.controllers.tube_parameters import LAWS
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import fault_texts
+from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.kernel import Quaternion
 from ppc_attitude.science.kinds import (
     ACTUATORS,

@@ -27,7 +27,7 @@ import numpy as np
 
 from ppc_attitude.science import thrusters
 from ppc_attitude.science.compiled_stamps import step_of
-from ppc_attitude.science.component import MAX_THRUSTERS, Advice, Component
+from ppc_attitude.science.component import MAX_THRUSTERS, Component
 from ppc_attitude.science.faults import (
     FAULTS,
     RECORD,
@@ -38,6 +38,7 @@ from ppc_attitude.science.faults import (
     faults_of,
     number_of,
 )
+from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.kernel import add, kernel, scale, store, vector
 from ppc_attitude.science.parameter import filled, record_type
 from ppc_attitude.science.signals import APPLIED_TORQUE, TORQUE_COMMAND

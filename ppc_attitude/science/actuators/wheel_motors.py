@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science import wheels
-from ppc_attitude.science.component import Advice, Component
+from ppc_attitude.science.component import Component
 from ppc_attitude.science.faults import (
     FAULTS,
     RECORD,
@@ -38,6 +38,7 @@ from ppc_attitude.science.faults import (
     faulty,
     number_of,
 )
+from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.kernel import cross, kernel, scale, store, subtract, vector
 from ppc_attitude.science.parameter import filled, record_type
 from ppc_attitude.science.signals import APPLIED_TORQUE, TRUE_RATE

@@ -23,8 +23,9 @@ from typing import Any
 from ppc_attitude.science import wheels
 from ppc_attitude.science.actuators import wheel_motors
 from ppc_attitude.science.allocators import wheel_drive
-from ppc_attitude.science.component import Advice, Component
+from ppc_attitude.science.component import Component
 from ppc_attitude.science.faults import FAULTS
+from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.kernel import kernel, vector
 from ppc_attitude.science.parameter import filled, record_type
 from ppc_attitude.science.signals import APPLIED_TORQUE, TORQUE_COMMAND, TRUE_RATE

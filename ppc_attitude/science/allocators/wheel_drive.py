@@ -32,9 +32,10 @@ import numpy as np
 
 from ppc_attitude.science import wheels
 from ppc_attitude.science.allocation import FLAT, WheelArray, allocate, idle_speeds
-from ppc_attitude.science.component import MAX_WHEELS, Advice, Component
+from ppc_attitude.science.component import MAX_WHEELS, Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import FAULTS, RECORD, How, acting, faults_of, number_of
+from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.kernel import Vector, add, cross, kernel, scale, vector
 from ppc_attitude.science.parameter import RATE, Parameter, record_type
 from ppc_attitude.science.signals import ANGULAR_VELOCITY, TORQUE_COMMAND

@@ -22,8 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.science.component import BODY, VECTOR, Advice
+from ppc_attitude.science.component import BODY, VECTOR
 from ppc_attitude.science.controllers.common import of_law
+from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.kernel import Vector, kernel, largest, subtract, vector
 from ppc_attitude.science.parameter import record_type
 

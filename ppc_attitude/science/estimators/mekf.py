@@ -26,7 +26,7 @@ import numpy as np
 
 from ppc_attitude.science.attitude import conjugate, logarithm, product, rotation_matrix
 from ppc_attitude.science.compiled_stamps import nanoseconds, seconds
-from ppc_attitude.science.component import BODY, MOTION, VECTOR, Advice, Column, Component
+from ppc_attitude.science.component import BODY, MOTION, VECTOR, Column, Component
 from ppc_attitude.science.conditions import Condition, Task, advisable
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators.filter import NOTHING, Knowledge
@@ -40,6 +40,7 @@ from ppc_attitude.science.estimators.late_fixes import (
     take_fix,
     take_sample,
 )
+from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.kernel import (
     NO_ATTITUDE,
     ZERO,

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from ppc_attitude.science.attitude import continued, normalised
 from ppc_attitude.science.compiled_stamps import seconds
-from ppc_attitude.science.component import Advice, Component
+from ppc_attitude.science.component import Component
 from ppc_attitude.science.conditions import Condition, Task, advisable
 from ppc_attitude.science.guidance.cones import CONE_PARAMETERS, cones_of, unit_vector
 from ppc_attitude.science.guidance.frames import FRAME_NAMES
@@ -64,6 +64,7 @@ from ppc_attitude.science.guidance.scene import scene_at, told
 from ppc_attitude.science.guidance.slew import slew_torque
 from ppc_attitude.science.guidance.trajectory import POINTS, follow
 from ppc_attitude.science.guidance.watch import look_out, warnings_of
+from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.keep_out import MOST_CONES
 from ppc_attitude.science.kernel import (
     NO_ATTITUDE,

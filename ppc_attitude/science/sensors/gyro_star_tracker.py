@@ -26,9 +26,10 @@ import numpy as np
 
 from ppc_attitude.science.attitude import exponential, normalised, product
 from ppc_attitude.science.compiled_stamps import seconds, stamp_of, step_of
-from ppc_attitude.science.component import BODY, FIX, GYRO, STAR_TRACKER, Advice, Column, Component
+from ppc_attitude.science.component import BODY, FIX, GYRO, STAR_TRACKER, Column, Component
 from ppc_attitude.science.conditions import Condition, Task, advisable
 from ppc_attitude.science.faults import FAULTS, RECORD, Failure, How, acting, faults_of, number_of
+from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.kernel import (
     ZERO,
     Quaternion,
