@@ -19,7 +19,6 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.performance import (
@@ -207,15 +206,6 @@ def test_feasible_envelopes_are_smooth_and_infeasible_ones_get_remedies(
 
 
 @pytest.mark.parametrize("table", [TABLE_1, TABLE_2_REPAIRED])
-def test_rate_is_the_derivative_on_every_piece(table: EnvelopeTable) -> None:
-    shape = solve_envelope("envelope", table).shape()
-    for t in np.linspace(0.1, 1.1 * table.settling_time, 157):
-        h = 1e-4
-        slope = (nominal(t + h, shape)[0] - nominal(t - h, shape)[0]) / (2.0 * h)
-        assert nominal(t, shape)[1] == pytest.approx(slope, rel=1e-6, abs=1e-10)
-
-
-@pytest.mark.parametrize("table", [TABLE_1, TABLE_2_REPAIRED])
 def test_clock_inverts_the_envelope(table: EnvelopeTable) -> None:
     shape = solve_envelope("envelope", table).shape()
     for t in np.linspace(0.0, 0.99 * table.settling_time, 41):
@@ -242,23 +232,3 @@ def test_attitude_widening_solves_its_implicit_equation() -> None:
     after = widened_attitude_envelope(delta, DRIVE, DECAY, h)
     for old, new, drive in zip(delta, after, DRIVE, strict=True):
         assert new == pytest.approx(old + h * (-DECAY * new + drive), rel=1e-12)
-
-
-def test_widenings_converge_to_their_equations_with_the_step() -> None:
-    rho, end, delta = 3e-5, 0.5, (0.0, 1e-3, 0.05)
-
-    def slope(_: float, y: np.ndarray) -> np.ndarray:
-        drive = np.array(DRIVE)
-        rate = -DECAY * y[:3] + drive / (rho + y[:3])
-        return np.concatenate([rate, -DECAY * y[3:] + drive])
-
-    true = solve_ivp(slope, (0.0, end), delta * 2, method="Radau", rtol=1e-10, atol=1e-13).y[:, -1]
-    errors = []
-    for steps in (50, 500):
-        x = y = delta
-        for _ in range(steps):
-            x = widened_rate_envelope(x, rho, DRIVE, DECAY, end / steps)
-            y = widened_attitude_envelope(y, DRIVE, DECAY, end / steps)
-        errors.append(np.abs(np.array([*x, *y]) - true).max())
-    assert errors[0] < 0.02 * true.max()
-    assert errors[1] < 0.15 * errors[0]  # first order

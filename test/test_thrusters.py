@@ -14,7 +14,6 @@
 
 """Thrusters: which fires how long, against linear programming, and what the pulses do."""
 
-import warnings
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,6 @@ import truth_tables
 from craft_helpers import case
 from estimation_helpers import STEP_NS, Array, angles_between
 from scipy.optimize import linprog
-from synthetic import with_columns
 
 from ppc_attitude.analysis.figures import column_figure
 from ppc_attitude.analysis.measure import Measured
@@ -33,7 +31,6 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import ACTUATORS, PLANTS
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.thrusters import (
-    POSITIONS,
     admitted,
     certain_torque,
     least_fuel,
@@ -273,15 +270,6 @@ def test_what_thrusters_give_on_every_axis(seed: int) -> None:
     assert certain_torque(record(**axes)) == pytest.approx(1.0, rel=1e-12)
 
 
-def test_a_place_of_a_thruster_as_good_as_zero_is_zero() -> None:
-    """Planes that two thrusters span then meet edges so far away that the place overflows."""
-    others = POSITIONS.default[1:]
-    least, none = (record(positions=[each, *others]) for each in (1e-310, 0.0))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert certain_torque(least) == certain_torque(none)
-
-
 def test_where_threes_cost_the_same_the_slower_one_counts() -> None:
     """Beside a torque that two threes give for one cost, it may be the other that is the first."""
     torques = [[2, -2, 0], [0, 1, -2], [-2, 0, -1], [-1, -2, 0], [-2, 1, -1], [1, 0, 2], [0, 1, 1]]
@@ -352,14 +340,3 @@ def test_fuel_is_drawn_as_a_number_without_an_axis() -> None:
     (line,) = axes.get_lines()
     assert np.array_equal(line.get_ydata(), flight["fuel_used"][:, 0])
     assert axes.get_legend() is None
-
-
-def test_each_of_sixteen_thrusters_is_drawn() -> None:
-    flight = simulate(case("thrusters"), 0.1)
-    on_times = np.random.default_rng(1).uniform(size=(11, 16))
-    all_on = with_columns(flight, thruster_on_time=on_times)
-    (axes,) = column_figure(Measured(all_on, PAPER_REQUIREMENTS), "thruster_on_time").axes
-    assert axes.get_ylabel().endswith("[s]")
-    drawn = {line.get_label(): line.get_ydata() for line in axes.get_lines()}
-    for k in range(16):
-        assert np.array_equal(drawn[f"thruster {k}"], on_times[:, k])

@@ -121,44 +121,11 @@ def test_it_always_takes_the_short_way(
     assert q0_rate * sign(q_e[3]) >= -1e-15
 
 
-@FORMS
-def test_without_actuator_every_error_dies_out(norm_form: bool) -> None:
-    """Kinematics alone, ω_e = v: negative scalars go to −1, positive ones to +1."""
-    rho = (1.0, 1.0, 1.0)
-    for scalar in (-0.9, -0.05, 0.05, 0.9):
-        q = np.array([0.6, -0.64, 0.48]) * math.sqrt(1.0 - scalar * scalar)
-        attitude = Rotation.from_quat([*q, scalar])
-        q_e = np.array([*q, scalar])
-        for _ in range(1000):
-            v = value(tuple(q_e.tolist()), rho, 6.0, norm_form)
-            attitude = attitude * Rotation.from_rotvec(0.2 * v)
-            following = attitude.as_quat()
-            q_e = following * math.copysign(1.0, float(following @ q_e))
-        assert q_e[3] == pytest.approx(math.copysign(1.0, scalar), abs=1e-6)
-
-
 def test_a_half_turn_has_a_way() -> None:
     assert sign(0.0) == 1.0
     assert sign(-0.0) == 1.0
     v = value((1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 6.0, True)
     assert v[0] == pytest.approx(-SPEED * math.tanh(6.0), rel=1e-12)
-
-
-@given(st.tuples(component, component, component).filter(lambda d: np.linalg.norm(d) > 0.1), betas)
-def test_the_series_joins_smoothly(direction: Vector, beta: float) -> None:
-    """Either side of the switch at ‖ε‖ = 1e-4: w is continuous, and w' too.
-
-    The slope of g is a share of 2β²ε²/3 of w', at least 7e-9.
-    """
-    unit = np.array(direction) / np.linalg.norm(direction)
-    rho, rho_rate, rate = (0.5, 0.3, 0.8), (-0.01, -0.02, -0.03), (1e-3, -2e-3, 3e-3)
-    sides = [
-        directional(tuple((e * unit * rho).tolist()), rate, rho, rho_rate, beta)
-        for e in (0.9999999e-4, 1.0000001e-4)
-    ]
-    assert np.allclose(*(w for w, _ in sides), rtol=1e-6, atol=1e-15)
-    series, quotients = (np.array(w_rate) for _, w_rate in sides)
-    assert np.abs(series - quotients).max() < 1e-10 * np.abs(quotients).max()
 
 
 def test_no_error_no_turn() -> None:

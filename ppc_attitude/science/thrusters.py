@@ -335,8 +335,7 @@ def certain_torque(craft: Any) -> float:
     for normal in (np.cross(a, b) for a, b in combinations(torques, 2)):
         for axis in np.flatnonzero(normal):
             met = corners.copy()
-            with np.errstate(over="ignore"):  # a plane nearly along the edge meets it far outside
-                met[:, axis] -= corners @ normal / normal[axis]
+            met[:, axis] -= corners @ normal / normal[axis]
             points += [*met[np.abs(met[:, axis]) <= 1.0]]
     return 1.0 / max(_longest(tuple(point.tolist()), craft) for point in points)
 

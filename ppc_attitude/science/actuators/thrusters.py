@@ -34,7 +34,6 @@ from ppc_attitude.science.faults import (
     Failure,
     How,
     acting,
-    fails,
     faults_of,
     number_of,
 )
@@ -75,8 +74,8 @@ def parts_of(values: Mapping[str, Any]) -> dict[str, tuple[Failure, ...]]:
 
 
 @kernel
-def _failed(share: float, j: int, faults: Any, stamp_ns: int) -> float:
-    """Share of its force that a thruster gives in a step, with its faults."""
+def _given(share: float, j: int, faults: Any, stamp_ns: int) -> float:
+    """Share of its force that a thruster gives in a step, of what it is asked for."""
     if acting(faults, j, How.STUCK_CLOSED, stamp_ns) >= 0:
         return 0.0
     weak = number_of(faults, j, How.EFFECTIVENESS, stamp_ns, 1.0) * share
@@ -100,9 +99,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         state.on_time[:] = 0.0
     for j in range(craft.count):
         share = open_share(state.on_time[j], now % craft.period, craft)
-        if fails(faults, j, inputs.stamp_ns):
-            share = _failed(share, j, faults, inputs.stamp_ns)
-        state.shares[j] = share
+        state.shares[j] = _given(share, j, faults, inputs.stamp_ns)
     torque, flow = thrust(state.shares, craft)
     burnt, rest = flow / craft.rate, max(craft.fuel - state.used, 0.0)
     if burnt > rest:
