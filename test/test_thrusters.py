@@ -66,24 +66,6 @@ def pushing(torques: Array) -> dict[str, Any]:
     }
 
 
-def test_on_times_of_least_fuel_are_those_of_linear_programming() -> None:
-    truth, craft, on_time = truth_tables.table("thruster_allocation"), record(), np.zeros(16)
-    for wanted, cost in zip(
-        truth_tables.columns(truth, "bx", "by", "bz"), truth["impulse_spent"], strict=True
-    ):
-        assert least_fuel(tuple(wanted), craft, on_time) == pytest.approx(cost, rel=1e-12, abs=0.0)
-        assert np.sum(0.1 * on_time) == pytest.approx(cost, rel=1e-12, abs=0.0)
-        assert np.abs(craft["torque"].T @ on_time - wanted).max() <= 1e-12 * np.abs(wanted).max()
-        assert on_time.min() == 0.0
-        longest = on_time.max()
-        pulses(tuple(wanted), craft, on_time)  # and what of it fits into a period
-        fits = craft["torque"].T @ on_time
-        if longest > 0.1:
-            assert on_time.max() == pytest.approx(0.1, rel=1e-12)
-            off = fits - wanted * 0.1 / longest
-            assert np.linalg.norm(off) < 3 * 0.01 * 0.033  # short ones are left out
-
-
 @pytest.mark.parametrize("seed", range(6))
 def test_no_other_on_times_cost_less(seed: int) -> None:
     random = np.random.default_rng(seed)
