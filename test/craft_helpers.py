@@ -37,6 +37,7 @@ from ppc_attitude.simulation.scenario import Scenario, load
 
 ROOT = Path(__file__).parents[1]
 CONFIG = ROOT / "config"
+FRICTIONLESS = {f"wheels__{name}": [0.0] for name in ("viscous", "coulomb", "static")}
 
 
 def configs(*names: str) -> list[Path]:

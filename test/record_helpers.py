@@ -21,7 +21,7 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from ppc_attitude.contract.run_record import Array
+from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.parameter import resolved
 
@@ -72,3 +72,9 @@ def outputs_of(component: Component) -> Any:
 def records_of(component: Component) -> tuple[Any, Any, Any]:
     """Return what a component's step reads, remembers and fills, all zero."""
     return inputs_of(component), state_of(component), outputs_of(component)
+
+
+def settled_after(record: RunRecord, start: float = 0.0) -> float:
+    """Last instant with an error of 5e-3 or more, counted from `start` [s]."""
+    error = np.abs(record["attitude_error"][:, :3]).max(axis=1)
+    return float(record.t[np.flatnonzero(error >= 5e-3)[-1]] - start)

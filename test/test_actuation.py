@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Ask, coarse_cells
-from craft_helpers import configs, overlay
+from craft_helpers import FRICTIONLESS, configs, dotted, overlay
 from estimation_helpers import STEP_NS, Array
 from synthetic import with_columns, without_columns
 from test_certificate_held import held_by
@@ -47,7 +47,7 @@ pytestmark = pytest.mark.usefixtures("coarse")
 FILES = configs("paper", "wheels", "orbit")
 OPTIONS = [f"--config={path}" for path in FILES]
 MOMENTUM, FASTEST = 0.15, 0.12  # [N·m·s], [rad/s]
-NO_FRICTION = {key: [0.0] for key in ("wheels.static", "wheels.coulomb", "wheels.viscous")}
+NO_FRICTION = dotted(FRICTIONLESS)
 
 
 def random_speeds(plant: dict[str, Any], omega: Array, random: np.random.Generator) -> Array:

@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from craft_helpers import configs, pulse
+from record_helpers import settled_after
 
 from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.parameters import PARAMETERS
@@ -60,10 +61,6 @@ def error(record: RunRecord) -> np.ndarray:
     return np.abs(record["attitude_error"][:, :3]).max(axis=1)
 
 
-def last_above(record: RunRecord, limit: float) -> float:
-    return float(record.t[error(record) >= limit].max())
-
-
 def fill(record: RunRecord, kind: str) -> np.ndarray:
     return np.abs(record[f"{kind}_error"][:, :3] / record[f"{kind}_envelope"]).max(axis=1)
 
@@ -71,7 +68,7 @@ def fill(record: RunRecord, kind: str) -> np.ndarray:
 @pytest.mark.parametrize("rate", [50.0, 100.0, 1000.0])
 def test_the_normal_case_meets_every_requirement_of_the_paper(rate: float) -> None:
     record = run(rate=rate)
-    assert last_above(record, 5e-3) < 50.0
+    assert settled_after(record) < 50.0
     assert error(record)[record.t >= 100.0].max() < 1e-4
     assert np.rad2deg(np.linalg.norm(record["angular_velocity"], axis=1)).max() <= 3.0
     assert np.abs(record["applied_torque"]).max() <= 0.05
@@ -105,7 +102,7 @@ def test_the_first_step_alone_is_that_of_the_loop(name: str) -> None:
 
 def test_hits_are_recovered_with_widening() -> None:
     record = run("sudden_disturbance", duration=140.0)
-    assert last_above(record, 5e-3) - 80.0 < 10.0
+    assert settled_after(record, 80.0) < 10.0
     assert fill(record, "attitude").max() < 1.0
     outside = fill(record, "rate") > 1.0
     for start in (20.0, 80.0):
@@ -116,7 +113,7 @@ def test_hits_are_recovered_with_widening() -> None:
 
 def test_hits_are_not_recovered_within_a_minute_without_widening() -> None:
     record = run("sudden_disturbance", "no_widening", duration=140.0)
-    assert last_above(record, 5e-3) - 80.0 > 59.9
+    assert settled_after(record, 80.0) > 59.9
     narrow = record["attitude_envelope"][record.t > 60.0]
     assert np.all(narrow == 5e-3)
 
@@ -278,4 +275,4 @@ def test_the_envelopes_of_a_heavy_craft_widen_with_larger_gains() -> None:
     )
     assert fill(worse, "attitude")[-1] > 1.0
     assert fill(better, "attitude").max() < 1.0
-    assert last_above(better, 5e-3) == pytest.approx(83.77, abs=0.01)
+    assert settled_after(better) == pytest.approx(83.77, abs=0.01)

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 from craft_helpers import configs, guaranteed, pulse
-from record_helpers import configured, inputs_of, outputs_of, state_of
+from record_helpers import configured, inputs_of, outputs_of, settled_after, state_of
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.contract.run_record import RunRecord
@@ -45,12 +45,6 @@ LAW = {"controller": "momentum_tube"}
 
 def run(duration: float = 120.0, **nodes: dict[str, Any]) -> RunRecord:
     return simulate(scenario({"ppc_controller": LAW} | nodes), duration)
-
-
-def settled_after(record: RunRecord, start: float = 0.0) -> float:
-    """Last instant with an error of 5e-3 or more, counted from `start` [s]."""
-    error = np.abs(record["attitude_error"][:, :3]).max(axis=1)
-    return float(record.t[np.flatnonzero(error >= 5e-3)[-1]] - start)
 
 
 def told_after(seconds: float, **nodes: dict[str, Any]) -> str:

@@ -20,10 +20,9 @@ from typing import Any
 import numpy as np
 import pytest
 from craft_helpers import configs
-from record_helpers import configured, records_of
+from record_helpers import configured, records_of, settled_after
 from scipy.integrate import quad_vec
 from scipy.spatial.transform import Rotation
-from test_momentum_tube import settled_after
 
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.science.controllers import momentum_tube_ahead, tube_parameters

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 import truth_tables
-from craft_helpers import part_of
+from craft_helpers import FRICTIONLESS, part_of
 from estimation_helpers import STEP_NS, Array, angles_between
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
@@ -39,7 +39,6 @@ def values_after(line: str, *names: str) -> list[float]:
 
 
 plant_of = partial(part_of, PLANTS)
-FRICTIONLESS = {f"wheels__{name}": [0.0] for name in ("viscous", "coulomb", "static")}
 # Three wheels, the first about z; and the inertia [kg·m²] of its speed relative to the body.
 Z_FIRST = [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
 RELATIVE = 1.0 / (1.0 / 8e-4 + 1.0 / (1.9 - 8e-4))

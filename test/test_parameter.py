@@ -17,8 +17,6 @@ import re
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Parameter, Value, exact_text, record_type, resolved
@@ -116,14 +114,6 @@ def refusal(parameter: Parameter, value: Any) -> str:
     with pytest.raises(ConfigurationError) as raised:
         parameter.checked(value)
     return str(raised.value)
-
-
-@given(st.floats())
-def test_a_number_is_taken_exactly_if_it_is_in_range(value: float) -> None:
-    if math.isfinite(value) and 0.0 < value <= 10.0:
-        assert GAIN.checked(value) == value
-    else:
-        assert refusal(GAIN, value)
 
 
 @pytest.mark.parametrize("default", ["igrf", [""], [1.0]])

@@ -17,7 +17,7 @@
 import pytest
 
 from ppc_attitude.runtime.stamps import Instant, StampGuard, StampKind, out_of_order
-from ppc_attitude.science.stamps import LARGEST_STEP, NANOSECONDS, nanoseconds
+from ppc_attitude.science.stamps import LARGEST_STEP, NANOSECONDS, nanoseconds, span, stamp_of
 
 PERIOD = 10_000_000
 NEW, REPEATED = StampKind.NEW, StampKind.REPEATED
@@ -37,6 +37,15 @@ def test_a_text_is_no_time():
     """One of a bag was copied a billion times before it was refused."""
     with pytest.raises(TypeError, match="can't multiply"):
         nanoseconds("")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("rate", [7.3, 24.0, 60.0, 77.0, 100.0, 1024.0])
+def test_a_span_of_whole_steps_has_as_many_stamps_whatever_the_rate(rate: float) -> None:
+    """1.12 + 0.64 is more than 1.76 by the last bit, and seconds of a stamp may be as well."""
+    for k in range(200):
+        first, end = span(k / rate, (k % 7 + 1) / rate)
+        acts = [j for j in range(k + 20) if first <= stamp_of(j, rate) < end]
+        assert acts == [*range(k, k + k % 7 + 1)]
 
 
 def test_time_begins_again_at_zero():

@@ -24,7 +24,7 @@ import pytest
 import yaml
 from bag_helpers import assert_flown
 from conftest import StartProcess
-from craft_helpers import case, configs, part_of
+from craft_helpers import FRICTIONLESS, case, configs, part_of
 from estimation_helpers import STEP_NS, Array
 from peer import peer
 from process_helpers import PAPER, Run
@@ -46,7 +46,6 @@ from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import check_components, load, weakened
 
 drive = partial(part_of, ACTUATORS, "wheels")
-FRICTIONLESS = {f"wheels__{name}": [0.0] for name in ("viscous", "coulomb", "static")}
 
 
 def test_the_drive_takes_friction_and_gyroscopic_torque_away() -> None:
