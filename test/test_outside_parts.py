@@ -16,7 +16,6 @@
 
 import json
 import math
-import os
 import subprocess
 import sys
 import threading
@@ -27,20 +26,11 @@ import pytest
 from campaign_helpers import rows_of
 from conftest import Answer
 from craft_helpers import CONFIG
+from outside_helpers import OUTSIDE, POINTS, Run, name_points, package, runs
 from process_helpers import PATIENCE
 
 from ppc_attitude.contract.topics import INJECTOR
 
-OUTSIDE = Path(__file__).parent / "outside"
-# Entry points of each kind.
-POINTS = {
-    "plants": "ringed = outside_parts:PLANT",
-    "sensors": "rounding = outside_parts:SENSORS",
-    "estimators": "two_rates = outside_parts:ESTIMATOR",
-    "references": "turn = outside_parts:REFERENCE",
-    "controllers": "share = outside_parts:LAW",
-    "environments": "pushes = outside_parts:ENVIRONMENT",
-}
 FILES = [str(CONFIG / "paper.yaml"), str(OUTSIDE / "outside.yaml")]
 PAPER, CONFIGS = f"--config {FILES[0]}", " ".join(f"--config {file}" for file in FILES)
 OWN = {
@@ -52,8 +42,6 @@ OWN = {
     "environment_torque",
     "torque_use",
 }
-COMMAND = "import sys; from ppc_attitude.command_line.main import main; sys.exit(main())"
-Run = Callable[..., subprocess.CompletedProcess[str]]
 Tell = Callable[..., Answer]
 
 
@@ -81,36 +69,10 @@ MISFITTING = {
 """Parts that misfit while they run, beside those that fit."""
 
 
-def package(folder: Path) -> dict[str, str]:
-    """Environment in which the package of somebody else's is installed, in a folder."""
-    installed = folder / "installed" / "outside_parts-1.0.dist-info"
-    installed.mkdir(parents=True)
-    (installed / "METADATA").write_text(
-        "Metadata-Version: 2.1\nName: outside_parts\nVersion: 1.0\n"
-    )
-    name_points(folder, **POINTS)
-    paths = [str(installed.parent), str(OUTSIDE), os.environ.get("PYTHONPATH", "")]
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
-
-
 @pytest.fixture
 def run_outside(tmp_path: Path) -> Run:
     """Run a script, or a command, in a process of its own with entry points of its own."""
-    environment = package(tmp_path)
-
-    def run(*words: str, script: str = COMMAND, code: int = 0) -> subprocess.CompletedProcess[str]:
-        done = subprocess.run(
-            [sys.executable, "-c", script, *words],
-            env=environment,
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            timeout=PATIENCE,
-        )
-        assert done.returncode == code, done.stdout + done.stderr
-        return done
-
-    return run
+    return runs(tmp_path)
 
 
 @pytest.fixture(scope="module")
@@ -144,12 +106,6 @@ def tell(outside: "subprocess.Popen[str]", tmp_path: Path) -> Tell:
         return Answer(*printed)
 
     return run
-
-
-def name_points(tmp_path: Path, **points: str) -> None:
-    """Let the package have these entry points of each kind, and no others."""
-    text = "".join(f"[ppc_attitude.{kind}]\n{lines}\n" for kind, lines in points.items())
-    (tmp_path / "installed/outside_parts-1.0.dist-info/entry_points.txt").write_text(text)
 
 
 def choose(tmp_path: Path, node: str, values: str, name: str = "own.yaml") -> None:
@@ -210,88 +166,6 @@ def test_parts_from_outside_go_all_the_way(run_outside: Run, tmp_path: Path) -> 
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "share" in page
     assert "<svg" in page or "<img" in page
-
-
-# Entry points that lead to no part of their kind, and what is told of them.
-NONE = {
-    "broken = outside_parts:NOWHERE": "of ppc_attitude.controllers cannot be loaded",
-    "script = leaving:LAW": "of ppc_attitude.controllers cannot be loaded: SystemExit(5)",
-    "skipped = skipping:LAW": "ppc_attitude.controllers cannot be loaded: BaseException('no GPU')",
-    "wrong = outside_parts:RING": "is left out: it is a Parameter, not a Component",
-}
-MISFITS = {
-    "controllers": {
-        "other_column": "left out: its column attitude has form = 'vector', another's 'quaternion'",
-        "other_topic": "left out: its column mine has a topic of others, torque_command",
-        "clock": "left out: its column mine has a topic of others, clock",
-        "illegal": "topic = 'bad topic!'; allowed",
-        "absolute": "topic = '/mine'; allowed",
-        "boundless": "left out: its column mine has bound = 'attitude_envelop'; allowed: another",
-        "of_itself": "left out: its column mine has bound = 'mine'; allowed: another column",
-        "of_unit": "bound = 'unsaturated_torque'; allowed: another column, with unit = '1'",
-        "of_width": "bound = 'attitude'; allowed: another column, with unit = '1' and at most 3",
-        "of_another": "bound = 'momentum_tube'; allowed: another column, with unit = 'N·m·s'",
-        "of_two": "bound = 'torque_use'; allowed: another column, with unit = '1' and at most 3",
-        "of_objects": "component share: state = [('z', 'O')]; allowed: a record of numbers",
-        "of_money": "unit = '$', meaning = 'x'; allowed: texts, not empty, without $",
-        "of_no_unit": "frame = 'body', unit = '', meaning = 'x'; allowed: texts, not empty,",
-        "of_no_frame": "frame = '', unit = '1', meaning = 'x'; allowed: texts, not empty,",
-        "ours": "left out: the name ppc is taken by ppc_attitude itself",
-        "again": "name other_column is taken by entry point other_column = misfits:other_column of",
-        "nameless": "column '' with topic",
-        "numbered": "left out: its name = 5; allowed: a text",
-        "unlabelled": "left out: its name = ''; allowed: a text",
-        "twice": "component share: two columns are named torque_use",
-        "of_node": "left out: ppc_controller has another parameter wait_for_recorder than of_node",
-        "of_ros": "left out: ppc_controller has another parameter use_sim_time than of_ros",
-        "selector": "has another parameter controller than selector; allowed: one that is declared",
-        "two": "left out: ppc_controller has another parameter z than two",
-        "plain": "left out: component plain: step is no kernel: <function",
-        "no_default": "left out: z = None; allowed: finite",
-        "beyond": "left out: z = 3; allowed: an integer, ≥ -1e+30, ≤ 1",
-    },
-    "plants": {"first": ""},
-    "sensors": {
-        "second": "left out: its column pair has unit = 'm', another's '1'",
-        "of_kind": "left out: spacecraft_plant has another parameter max_torque than of_kind",
-    },
-    "actuators": {"no_limit": "it has no parameter nowhere"},
-    "disturbances": {"pulse": "left out: allowed groups: ppc_attitude.actuators, "},
-    "controller": {"singular": "left out: allowed groups: ppc_attitude.actuators, "},
-}
-
-
-def test_what_is_no_part_or_cannot_be_beside_the_others_is_left_out_and_breaks_nothing(
-    run_outside: Run, tmp_path: Path
-) -> None:
-    points = {
-        kind: [f"{name} = misfits:{name}" for name in misfits] for kind, misfits in MISFITS.items()
-    }
-    points["controllers"] += NONE
-    points["plants"].append("share = outside_parts:LAW")
-    name_points(tmp_path, **{kind: "\n".join(lines) for kind, lines in points.items()})
-    (tmp_path / "installed/leaving.py").write_text("raise SystemExit(5)\n")
-    (tmp_path / "installed/skipping.py").write_text("raise BaseException('no GPU')\n")
-    code = (
-        "import sys\nfrom ppc_attitude.command_line.main import main\n"
-        "from ppc_attitude.science.kinds import all_components\n"
-        "code = main(sys.argv[1:])\nprint(*(each.name for each in all_components()))\n"
-        "sys.exit(code)"
-    )
-    done = run_outside("check", *PAPER.split(), script=code)
-    kept = done.stdout.splitlines()[-1].split()
-    warned = done.stderr.splitlines()
-    assert all("UserWarning: entry point " in line for line in warned), done.stderr
-    for kind, misfits in MISFITS.items():
-        for name, problem in misfits.items():
-            assert (name in kept) == (not problem), name
-            of_it = f"Warning: entry point {name} = misfits:{name} of ppc_attitude.{kind}"
-            told = [line for line in warned if of_it in line]
-            assert [problem in line for line in told] == [True] * bool(problem), told
-    for point, problem in {**NONE, "share =": "share does not give truth_attitude"}.items():
-        assert [problem in line for line in warned if point in line] == [True], point
-    assert "share" not in kept
-    assert "ppc" in kept
 
 
 def test_an_advice_that_is_none_is_refused_before_anything_runs(tell: Tell) -> None:
