@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-import math
 
 import numpy as np
 import pytest
@@ -108,18 +107,6 @@ def test_angle_is_the_short_way(q: Quaternion) -> None:
 
 def test_small_angles_keep_their_digits() -> None:
     assert attitude.rotation_angle((1e-12, 0.0, 0.0, -1.0)) == pytest.approx(2e-12, rel=1e-12)
-
-
-def test_runge_kutta_gives_a_unit_quaternion_of_the_rotation() -> None:
-    omega, h, q = (0.3, -0.5, 0.2), 0.01, (0.0, 0.0, 0.0, 1.0)
-    k1 = attitude.kinematics(q, omega)
-    k2 = attitude.kinematics(attitude.euler_step(q, 0.5 * h, k1), omega)
-    k3 = attitude.kinematics(attitude.euler_step(q, 0.5 * h, k2), omega)
-    k4 = attitude.kinematics(attitude.euler_step(q, h, k3), omega)
-    after = attitude.runge_kutta(q, h, k1, k2, k3, k4)
-    assert math.fsum(x * x for x in after) == pytest.approx(1.0, abs=1e-15)
-    expected = Rotation.from_rotvec(np.multiply(h, omega)).as_quat()
-    assert np.allclose(after, expected, atol=1e-14)
 
 
 @given(vectors, st.sampled_from([1e-9, 1e-4, 1.0, 3.0]))

@@ -30,7 +30,6 @@ from ppc_attitude.science.sensors.gyro import (
     gyro_sample,
     mean_rate,
     walked_bias,
-    widest_resolution,
 )
 
 
@@ -160,7 +159,6 @@ def test_rounding_acts_as_white_noise() -> None:
     white = effective_white_noise(1.6968e-4, 0.04 * math.radians(1.0), 0.01)
     assert white == pytest.approx(1.70872639588e-4, rel=1e-9)
     assert samples.std() == pytest.approx(white / 0.1, rel=5e-3)
-    assert widest_resolution(1.6968e-4, 0.01) == pytest.approx(1.6968e-3)
 
 
 @kernel

@@ -237,8 +237,10 @@ def _on_times(k: int, impulse: Vector, craft: Any) -> tuple[Vector, float]:
 
 
 @kernel
-def least_fuel(impulse: Vector, craft: Any, on_time: Any) -> float:
+def least_fuel(impulse: Vector, craft: Any, on_time: Any) -> None:
     """Write the on-times [s] that give an angular impulse with the least fuel.
+
+    Of several threes with the least the first one is taken.
 
     Parameters
     ----------
@@ -248,11 +250,6 @@ def least_fuel(impulse: Vector, craft: Any, on_time: Any) -> float:
         Record of dtype `THRUSTERS`.
     on_time
         Where the on-times are written; they may be longer than a period.
-
-    Returns
-    -------
-    float
-        Σ F t [N·s]. Of several threes with the least the first one is taken.
     """
     on_time[:] = 0.0
     least, best, times = np.inf, 0, ZERO
@@ -262,7 +259,6 @@ def least_fuel(impulse: Vector, craft: Any, on_time: Any) -> float:
             least, best, times = cost, k, t
     for i in range(3):
         on_time[craft.members[best, i]] = max(times[i], 0.0)
-    return least
 
 
 @kernel

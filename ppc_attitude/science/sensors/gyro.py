@@ -165,15 +165,6 @@ def effective_white_noise(white: float, resolution: float, interval: float) -> f
 
 
 @kernel
-def widest_resolution(white: float, h: float) -> float:
-    """Largest LSB [rad/s] that acts as white noise: σ_v/√h, the noise of a sample of h [s].
-
-    A wider one is a dead band: rounding hides motion and noise alike.
-    """
-    return white / math.sqrt(h)
-
-
-@kernel
 def mean_rate(q_before: Quaternion, q_now: Quaternion, h: float) -> Vector:
     """Mean rate [rad/s] of an interval of h [s]: log(q_{k−1}⁻¹ ⊗ q_k)/h, body axes."""
     return scale(1.0 / h, logarithm(product(conjugate(q_before), q_now)))

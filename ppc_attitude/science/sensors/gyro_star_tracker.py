@@ -253,10 +253,10 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 def _coarse(values: Mapping[str, Any]) -> float:
     """LSB of the gyro by the noise of a sample, if it is a dead band; else 0."""
     white, lsb = values[gyro.ANGULAR_RANDOM_WALK.name], values[gyro.RESOLUTION.name]
-    widest = gyro.widest_resolution(white, 1.0 / values[RATE.name])
-    if lsb <= widest:
+    noise = white * math.sqrt(values[RATE.name])
+    if lsb <= noise:
         return 0.0
-    return lsb / widest if widest else math.inf
+    return lsb / noise if noise else math.inf
 
 
 def advice(state: Any) -> Advice:
