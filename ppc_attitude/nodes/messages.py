@@ -46,8 +46,8 @@ from ppc_attitude.science.component import (
     QUATERNION,
     UNIT_TOLERANCE,
     WRENCH,
+    norm_of,
 )
-from ppc_attitude.science.norms import norm_of
 from ppc_attitude.science.parameter import Value
 
 Take = Callable[..., None]  # (message, about): rclpy knows of the second, its types do not

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ppc_attitude.science.component import OWN_TOLERANCE, UNIT_TOLERANCE
+from ppc_attitude.science.component import OWN_TOLERANCE, UNIT_TOLERANCE, norm_of
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import (
     Matrix,
@@ -36,7 +36,6 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
-from ppc_attitude.science.norms import norm_of
 
 _SMALL = 1e-4  # [rad²] below which a series of four terms is exact to rounding
 

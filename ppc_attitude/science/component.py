@@ -50,6 +50,11 @@ GYRO_VARIANCE = 1e5
 """Largest variance of a rate [rad²/s²]; the noisiest gyro of ours, at 10 kHz, has 1e4."""
 
 
+def norm_of(a: Any) -> float:
+    """‖a‖ of the four numbers with which `a` begins, for nodes too; `attitude` compiles it."""
+    return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2] + a[3] * a[3])
+
+
 class Joints(NamedTuple):
     """Parts of one sort that have a number each, in a list of a sensor_msgs/JointState.
 
