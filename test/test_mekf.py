@@ -41,7 +41,6 @@ from ppc_attitude.science.estimators.late_fixes import take_fix
 from ppc_attitude.science.estimators.mekf import filter_record
 from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.part import Part
-from ppc_attitude.science.stamps import nanoseconds
 
 MOUNTINGS = {
     "smallsat_slew": [0.0, 0.573576436351046, 0.0, 0.819152044288992],
@@ -150,15 +149,6 @@ def test_a_fix_is_of_its_step_whatever_its_stamp_was_rounded_to(off: int, accept
         take_fix(memory, settings, 50 * STEP_NS + off, tuple(truth[50]))
     assert memory["accepted"] == accepted
     assert memory["unmatched"] == 3 - accepted
-
-
-def test_an_innovation_of_zero_of_a_fix_without_age_is_a_message() -> None:
-    part = Part(mekf.COMPONENT, suite("smallsat", star_tracker__latency=0.0))
-    sample, fix = (0.0, 0.0, 0.0, 1e-8), (0.0, 0.0, 0.0, 1.0, 1e-8, 1e-8, 1e-8, 0.0)
-    given = [part.step(k * STEP_NS, (*sample, *fix))[part.places["innovation"]] for k in range(2)]
-    assert given[0] == (0.0, 0.0, 0.0, 0.0)  # the filter begins from that fix
-    assert given[1][:3] == (0.0, 0.0, 0.0)
-    assert given[1][3] > 0.0 == nanoseconds(given[1][3])
 
 
 def test_the_rate_has_the_variance_of_a_sample_by_the_filters_own_numbers() -> None:

@@ -104,7 +104,6 @@ INNOVATION = Column(
     width=4,
     late=True,
 )
-_LEAST_AGE = 1e-12  # [s] changes no stamp, but makes an innovation of zero a message
 PARAMETERS = (
     ANGULAR_RANDOM_WALK,
     RATE_RANDOM_WALK,
@@ -258,7 +257,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         whitened, told = take_fix(state, configuration, valid_ns, fix)
         if told:
             store(outputs.innovation, whitened)
-            outputs.innovation[3] = max(row[7], _LEAST_AGE)
+            outputs.innovation[3] = row[7]
     known = recalled(state, newest(state))
     _judge(state, configuration, inputs.stamp_ns, known)
     q, b, theta, _, bias = known
