@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.contract.cdr import CdrError, Codec, encapsulation, stamped_layout, stamps_of_rows
+from ppc_attitude.contract.cdr import CdrError, Codec, byte_order, stamped_layout, stamps_of_rows
 from ppc_attitude.contract.topics import MSGTYPES, Topic
 from ppc_attitude.science.component import GYRO, QUATERNION, VECTOR, WRENCH
 
@@ -85,7 +85,7 @@ def decode_rows(topic: Topic, msgtype: str, rows: NDArray[np.uint8]) -> Rows:
     msgtype : str
         ROS type of the messages.
     rows : ndarray of uint8, shape (n, length)
-        The bytes of one message a row, in any CDR encoding.
+        The bytes of one message a row, in either byte order.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def decode_rows(topic: Topic, msgtype: str, rows: NDArray[np.uint8]) -> Rows:
 
 
 def _decode_others(topic: Topic, msgtype: str, rows: NDArray[np.uint8]) -> Rows:
-    """Decode messages of another type than the topic's own, by kinds of encoding and name."""
+    """Decode messages of another type than the topic's own, by byte order and length of name."""
     layout, stamped = _OTHERS[topic.form][msgtype], is_stamped(msgtype)
     stamps = np.zeros(len(rows), np.int64)
     values = np.full((len(rows), topic.width), np.nan)
@@ -134,7 +134,7 @@ def _start(data: bytes, msgtype: str, count: int, stamped: bool) -> tuple[str, i
     if stamped:
         order, _, start = stamped_layout(data, msgtype, count)
         return order, start
-    order, _ = encapsulation(data)
+    order = byte_order(data)
     if len(data) < 4 + 8 * count:
         raise CdrError(f"{len(data)} bytes are too few for a {msgtype}")
     return order, 4

@@ -20,7 +20,8 @@ Packing and unpacking that with `struct` costs a fiftieth of a generated message
 path of every node and the bag reader work on bytes, and this file is the one place that knows them.
 
 Layout after the 4-byte encapsulation header: int32 sec, uint32 nanosec, uint32 length of the
-frame name with its NUL, the name, padding to 8 (XCDR1) or 4 (XCDR2), then the float64 values.
+frame name with its NUL, the name, padding to 8, then the float64 values. That is XCDR1, which every
+middleware of ROS sends, in either byte order.
 """
 
 import math
@@ -64,14 +65,8 @@ _LAYOUTS = {
     MOTION: "abcd" + "efgfhigij" + "klm" + "npqprsqst" + _NO_ACCELERATION,
     **{form: ascii_lowercase.replace("o", "")[: joints.number] for form, joints in JOINTS.items()},
 }
-_OURS = b"\x00\x01"  # little-endian XCDR1
-# representation id -> (struct byte order, alignment of float64)
-_ENCAPSULATION = {
-    b"\x00\x00": (">", 8),
-    _OURS: ("<", 8),
-    b"\x00\x06": (">", 4),
-    b"\x00\x07": ("<", 4),
-}
+_OURS = b"\x00\x01"  # little-endian
+_BYTE_ORDERS = {b"\x00\x00": ">", _OURS: "<"}
 _LITTLE_ENDIAN = _OURS + b"\x00\x00"
 _STAMPS = {order: struct.Struct(f"{order}iI") for order in "<>"}
 _STAMP_OFFSET, _AFTER_STAMP = 4, 12
@@ -132,7 +127,7 @@ class Codec:
         )
 
     def decode(self, data: bytes) -> Sample:
-        """Stamp, frame and numbers of a message in any CDR encoding.
+        """Stamp, frame and numbers of a message in either byte order.
 
         Raises
         ------
@@ -159,7 +154,7 @@ class Codec:
     def decode_rows(
         self, rows: NDArray[np.uint8]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Decode many messages of one length at once, in any CDR encoding.
+        """Decode many messages of one length at once, in either byte order.
 
         Parameters
         ----------
@@ -222,7 +217,6 @@ def _around_joints(name: bytes, joints: Joints) -> tuple[bytes, int]:
 def _joint_layout(data: bytes, topic: Topic) -> tuple[str, int, int]:
     """As `stamped_layout`, of a JointState: where its list of a topic's form begins."""
     order, length, _ = stamped_layout(data, topic.msgtype, 0)
-    align = encapsulation(data)[1]
     at = _AFTER_STAMP + 4 + length
     joints = JOINTS[topic.form]
 
@@ -235,8 +229,6 @@ def _joint_layout(data: bytes, topic: Topic) -> tuple[str, int, int]:
         at += 4
         return int(value)
 
-    if align == 4:
-        number()  # XCDR2 tells the size of a list of texts
     ours = [f"{joints.part}_{k}".encode() for k in range(joints.number)]
     for k in range(number()):
         text = number()
@@ -249,7 +241,7 @@ def _joint_layout(data: bytes, topic: Topic) -> tuple[str, int, int]:
             )
     for _ in range(joints.place + 1):
         count = number()
-        start = at + -(at - 4) % align if count else at
+        start = at + -(at - 4) % 8 if count else at
         at = start + 8 * count
     if count != joints.number:
         raise CdrError(
@@ -268,14 +260,14 @@ def stamped_layout(data: bytes, msgtype: str, count: int) -> tuple[str, int, int
     CdrError
         The bytes are no header with so many float64 behind it.
     """
-    order, align = encapsulation(data)
+    order = byte_order(data)
     if len(data) < _AFTER_STAMP + 4:
         raise CdrError(f"{len(data)} bytes are too few for a header")
     (length,) = struct.unpack_from(order + "I", data, _AFTER_STAMP)
     if not 1 <= length <= _MAX_FRAME_ID:
         raise CdrError(f"frame_id of {length} bytes, allowed are 1 to {_MAX_FRAME_ID}")
     end = _AFTER_STAMP + length  # behind the name, counted from behind the encapsulation header
-    start = 4 + end + -end % align
+    start = 4 + end + -end % 8
     if len(data) < start + 8 * count:
         raise CdrError(f"{len(data)} bytes are too few for a {msgtype}")
     return order, length, start
@@ -307,14 +299,14 @@ def _stamp(data: bytes, order: str = "<") -> int:
     return int(sec) * NANOSECONDS + int(nanosec)
 
 
-def encapsulation(data: bytes) -> tuple[str, int]:
-    """Byte order and alignment of float64 of a message that has a stamp."""
+def byte_order(data: bytes) -> str:
+    """Byte order of a message that has a stamp."""
     if len(data) < _AFTER_STAMP:
         raise CdrError(f"{len(data)} bytes are too few for a stamp")
-    representation = bytes(data[:2])
-    if representation not in _ENCAPSULATION:
-        raise CdrError(f"encoding 0x{representation.hex()} is not plain CDR")
-    return _ENCAPSULATION[representation]
+    order = _BYTE_ORDERS.get(bytes(data[:2]))
+    if order is None:
+        raise CdrError(f"encoding 0x{data[:2].hex()} is not plain CDR")
+    return order
 
 
 def encode_clock(stamp_ns: int) -> bytes:
@@ -333,10 +325,9 @@ def header_stamp(data: bytes, msgtype: str) -> int | None:
     if len(data) >= _AFTER_STAMP and data.startswith(_OURS):  # the recorder reads every stamp
         return _stamp(data)
     try:
-        order, _ = encapsulation(data)
+        return _stamp(data, byte_order(data))  # a header begins as a clock does
     except CdrError:
         return None
-    return _stamp(data, order)  # a header begins as a clock does
 
 
 def finite(values: tuple[float, ...]) -> bool:
