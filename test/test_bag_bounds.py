@@ -108,11 +108,6 @@ def chunk(compression: bytes, size: int, body: bytes) -> bytes:
     return record(6, head + struct.pack("<Q", len(body)) + body)
 
 
-def zstd_head(size: int) -> bytes:
-    """An empty frame that claims to be so large."""
-    return bytes.fromhex("28b52ffd e0") + struct.pack("<Q", size) + bytes.fromhex("010000")
-
-
 def deep_metadata(bag: Path) -> None:
     (bag / "metadata.yaml").write_text(DEEP)
 
@@ -129,26 +124,6 @@ def deep_metadata_in_sqlite(bag: Path) -> None:
         database.execute("UPDATE metadata SET metadata = ?", (f"custom_data: {DEEP}",))
 
 
-def laughing_custom_data(bag: Path) -> None:
-    (bag / "metadata.yaml").write_text(LAUGHS + "rosbag2_bagfile_information: {custom_data: *l9}")
-
-
-def recursive_custom_data(bag: Path) -> None:
-    (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: {custom_data: &a {b: *a}}")
-
-
-def number_to_base_60(bag: Path) -> None:
-    (bag / "metadata.yaml").write_text(
-        f"rosbag2_bagfile_information: {{custom_data: {{a: {'1:' * 1_000_000}1}}}}"
-    )
-
-
-def number_to_base_2(bag: Path) -> None:
-    (bag / "metadata.yaml").write_text(
-        f"rosbag2_bagfile_information: {{custom_data: {{a: 0b{'1' * 20_000}}}}}"
-    )
-
-
 def deep_json(bag: Path) -> None:
     metadata(bag, custom_data={"ppc_attitude.parameters": DEEP})
 
@@ -162,27 +137,13 @@ def one_file_many_times(bag: Path) -> None:
     metadata(bag, relative_file_paths=["bag.mcap"] * 2_000)
 
 
-def zstd_claim(bag: Path) -> None:
-    append(bag, chunk(b"zstd", 2**34, zstd_head(2**34)))
-
-
 def zstd_bomb(bag: Path) -> None:
-    append(bag, chunk(b"zstd", 2**30, zstandard.compress(bytes(2**30))))
-
-
-def zstd_bomb_without_claim(bag: Path) -> None:
     compressor = zstandard.ZstdCompressor(write_content_size=False)
     append(bag, chunk(b"zstd", 100, compressor.compress(bytes(2**30))))
 
 
 def lz4_claim(bag: Path) -> None:
     append(bag, chunk(b"lz4", 2**40, lz4.frame.compress(b"few")))
-
-
-def lz4_claim_of_the_frame(bag: Path) -> None:
-    compressor = lz4.frame.LZ4FrameCompressor()
-    frame = compressor.begin(2**40) + compressor.compress(b"few")
-    append(bag, chunk(b"lz4", 100, frame))
 
 
 def zstd_file(bag: Path) -> None:
@@ -192,14 +153,6 @@ def zstd_file(bag: Path) -> None:
     (bag / f"{name}.zstd").write_bytes(packed)
     storage_file(bag).unlink()
     metadata(bag, relative_file_paths=[f"{name}.zstd"], compression_mode="FILE")
-
-
-def zstd_messages(bag: Path) -> None:
-    shutil.rmtree(bag)
-    with BagWriter(bag) as writer:
-        writer.add_topic("/attitude", ATTITUDE.msgtype)
-        writer.write("/attitude", 0, zstd_head(2**34))
-    metadata(bag, compression_mode="MESSAGE")
 
 
 def shared_pages(bag: Path) -> None:
@@ -241,21 +194,20 @@ HOSTILE: list[tuple[Callable[[Path], None], str, bool, str]] = [
     (deep_metadata, "mcap", False, f"metadata.yaml is damaged: .*({TOO_DEEP})"),
     (deep_metadata_in_mcap, "mcap", False, f"metadata in bag.mcap are damaged: .*({TOO_DEEP})"),
     (deep_metadata_in_sqlite, "sqlite3", False, f"metadata in bag.db3 are damaged: .*({TOO_DEEP})"),
-    (laughing_custom_data, "mcap", False, "unfolds into .* characters, allowed are 4194304"),
-    (recursive_custom_data, "mcap", False, r"\*a stands before the end of what it means"),
-    (number_to_base_60, "mcap", False, "number of 2000001 characters, allowed are 250"),
-    (number_to_base_2, "mcap", False, "number of 20002 characters, allowed are 250"),
     (deep_json, "mcap", False, "its ppc_attitude.parameters cannot be read: nested too deeply"),
     (deep_unfinished_json, "mcap", False, "its unfinished.json is damaged: nested too deeply"),
     (one_file_many_times, "mcap", False, "^read;$"),
-    (zstd_claim, "mcap", True, "data of bag.mcap claim 17179869184 bytes, allowed are"),
-    (zstd_bomb, "mcap", True, "data of bag.mcap claim 1073741824 bytes, allowed are"),
-    (zstd_bomb_without_claim, "mcap", True, "data of bag.mcap claim .* bytes, allowed are"),
+    (zstd_bomb, "mcap", True, "data of bag.mcap claim .* bytes, allowed are"),
     (lz4_claim, "mcap", True, "data of bag.mcap claim 1099511627776 bytes, allowed are"),
-    (lz4_claim_of_the_frame, "mcap", True, "damaged lz4 data: the frame does not end after 100"),
     (zstd_file, "mcap", True, "bag.mcap.zstd is damaged: .* claim .* bytes, allowed are"),
-    (zstd_messages, "mcap", True, "data of bag.mcap claim 17179869184 bytes, allowed are"),
     (shared_pages, "sqlite3", False, "bag.db3 is damaged: its rows claim more than the .* bytes"),
+]
+CONFIGURATIONS = [
+    (DEEP, TOO_DEEP),
+    (LAUGHS, "unfolds into .* characters, allowed are 4194304"),
+    ("&a {b: *a}", r"\*a stands before the end of what it means"),
+    (f"a: {'1:' * 1_000_000}1", "number of 2000001 characters, allowed are 250"),
+    (f"a: 0b{'1' * 20_000}", "number of 20002 characters, allowed are 250"),
 ]
 
 
@@ -274,11 +226,11 @@ def test_memory_stays_below_the_stated_multiple_of_the_bag(tmp_path: Path) -> No
     lonely = many_attitudes(tmp_path / "lonely")
     given += [lonely, 8 * storage_file(lonely).stat().st_size]
     expected.append("read; .* instants are missing")
-    for name, content in (("deep", DEEP), ("laughs", LAUGHS), ("recursive", "&a {b: *a}")):
-        file = tmp_path / f"{name}.yaml"
+    for count, (content, message) in enumerate(CONFIGURATIONS):
+        file = tmp_path / f"{count}.yaml"
         file.write_text(content)
         given += [file, 256 * MIB]
-        expected.append(f"refused; configuration file .*{name}.yaml is not YAML: ")
+        expected.append(f"refused; configuration file .* is not YAML: .*({message})")
     done = subprocess.run(
         [sys.executable, "-c", CHILD, good, *map(str, given)], capture_output=True, text=True
     )

@@ -26,7 +26,7 @@ import numpy as np
 
 from ppc_attitude.bags.custom_data import custom_data_of
 from ppc_attitude.bags.errors import BagError
-from ppc_attitude.bags.foreign import Allowance, demand_plain, plain_file, unzstd_file
+from ppc_attitude.bags.foreign import Allowance, demand_plain, plain_file, unzstd
 from ppc_attitude.bags.marks import METADATA, UNFINISHED, claimed
 from ppc_attitude.bags.mcap_source import McapSource
 from ppc_attitude.bags.source import Block, Channel, are_compressed, decompressed, merge_blocks
@@ -121,7 +121,7 @@ class Bag:
             plain = Path(folder) / path.stem
             try:
                 with plain_file(path) as compressed, plain.open("wb") as target:
-                    unzstd_file(compressed, target, allowance)
+                    target.writelines(unzstd(compressed, allowance))
             except BagError as error:
                 self.flaws.append(f"{path.name} is damaged: {error}")
             return _opened(plain, path, allowance, finished=True)

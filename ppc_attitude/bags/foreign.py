@@ -29,6 +29,7 @@ from ppc_attitude.bags.errors import BagError
 # A compressed file may become so many times its size on disk, and so much more [B].
 UNFOLDS, SMALL = 100, 16 * 2**20
 _PIECE = 2**20
+_LARGEST_WINDOW = 2**31  # of zstd; it takes a frame that was packed at once for one window
 _KINDS = {stat.S_IFLNK: "a symbolic link", stat.S_IFIFO: "a FIFO", stat.S_IFDIR: "a folder"}
 
 
@@ -102,60 +103,34 @@ class Allowance:
             )
 
 
-def unzstd(data: bytes | memoryview, allowance: Allowance) -> bytes:
-    """Content of one zstd frame.
+def unzstd(source: bytes | memoryview | BinaryIO, allowance: Allowance) -> Iterator[bytes]:
+    """Yield the content of a zstd frame piece by piece, as far as it is whole.
 
     Raises
     ------
     BagError
-        The bytes are no zstd frame, or claim too much.
+        It is no zstd frame, or unfolds into too much.
     """
+    unpacker = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW)
     try:
-        claimed = zstandard.frame_content_size(data)
-        if claimed >= 0:
-            allowance.take(claimed)
-            return bytes(zstandard.ZstdDecompressor().decompress(data))
-        with zstandard.ZstdDecompressor().stream_reader(data) as stream:
-            return b"".join(_pieces(stream, allowance))
+        with unpacker.stream_reader(source) as stream:
+            while piece := stream.read(_PIECE):
+                allowance.take(len(piece))
+                yield piece
     except zstandard.ZstdError as error:
-        raise BagError(f"damaged zstd data: {error}") from error
-
-
-def unzstd_file(source: BinaryIO, target: BinaryIO, allowance: Allowance) -> None:
-    """Write the content of a zstd file, as far as it is whole, into another one.
-
-    Raises
-    ------
-    BagError
-        The file is no zstd frame, or unfolds into too much.
-    """
-    try:
-        with zstandard.ZstdDecompressor().stream_reader(source) as stream:
-            target.writelines(_pieces(stream, allowance))
-    except zstandard.ZstdError as error:
-        raise BagError(str(error)) from error
-
-
-def _pieces(stream: zstandard.ZstdDecompressionReader, allowance: Allowance) -> Iterator[bytes]:
-    while piece := stream.read(_PIECE):
-        allowance.take(len(piece))
-        yield piece
+        raise BagError(f"zstd cannot unpack it: {error}") from error
 
 
 def unlz4(data: bytes | memoryview, size: int, allowance: Allowance) -> bytes:
-    """Content of one lz4 frame of `size` bytes.
+    """Content of an lz4 frame of `size` bytes, as far as it is whole; a larger one gives one more.
 
     Raises
     ------
     BagError
-        The bytes are no complete lz4 frame, or claim too much.
+        It is no lz4 frame, or claims too much.
     """
     allowance.take(size)
-    frame = lz4.frame.LZ4FrameDecompressor()
     try:
-        content = bytes(frame.decompress(data, max_length=size + 1))
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1))
     except RuntimeError as error:
-        raise BagError(f"damaged lz4 data: {error}") from error
-    if not frame.eof:
-        raise BagError(f"damaged lz4 data: the frame does not end after {size} bytes")
-    return content
+        raise BagError(f"lz4 cannot unpack it: {error}") from error

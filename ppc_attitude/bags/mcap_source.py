@@ -171,7 +171,7 @@ class McapSource:
 
     def _decompressed(self, body: memoryview, name: str, size: int) -> bytes | memoryview:
         if name == "zstd":
-            return unzstd(body, self._allowance)
+            return b"".join(unzstd(body, self._allowance))
         if name == "lz4":
             return unlz4(body, size, self._allowance)
         if name:

@@ -99,7 +99,7 @@ def decompressed(block: Block, allowance: Allowance) -> Block:
     BagError
         A message is no zstd frame, or claims too much.
     """
-    payloads = [unzstd(payload, allowance) for payload in payloads_of(block)]
+    payloads = [b"".join(unzstd(payload, allowance)) for payload in payloads_of(block)]
     length = np.fromiter(map(len, payloads), np.int64, len(payloads))
     data = np.frombuffer(b"".join(payloads), np.uint8)
     return block._replace(data=data, offset=np.cumsum(length) - length, length=length)
