@@ -179,8 +179,8 @@ def test_a_file_that_grows_is_read_as_far_as_it_went_when_it_was_opened(
     for length in (*range(8, 60), *(random.randrange(8, len(content)) for _ in range(50))):
         bag = cut_copy(whole, tmp_path / "cut", length)
         file = storage_file(bag)
-        expected = messages_of(McapSource(file, file, Allowance(file)))
-        source = McapSource(file, file, Allowance(file))
+        expected = messages_of(McapSource(file, Allowance(file)))
+        source = McapSource(file, Allowance(file))
         file.write_bytes(content)
         assert messages_of(source) == expected
         assert source.cut, length
@@ -193,7 +193,7 @@ def messages_of(source: Source) -> list[bytes]:
 @pytest.mark.parametrize("whole", ["sqlite3"], indirect=True)
 def test_a_slow_reader_does_not_keep_a_recorder_from_writing(tmp_path: Path, whole: Path) -> None:
     bag = cut_copy(whole, tmp_path / "bag", storage_file(whole).stat().st_size)
-    source = SqliteSource(storage_file(bag), storage_file(bag), finished=False)
+    source = SqliteSource(storage_file(bag), finished=False)
     blocks = source.blocks()
     before = len(payloads_of(next(blocks)))
     with contextlib.closing(sqlite3.connect(storage_file(bag), timeout=0.0)) as recorder:

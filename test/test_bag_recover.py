@@ -48,8 +48,7 @@ def test_a_recovered_bag_is_complete_for_everyone(tmp_path: Path, storage: str) 
     bag = unfinished(tmp_path / "bag", storage, RUN)
     summary = recover(bag)
     count = len(RUN.stamps_ns)
-    assert summary.messages == count * len(SAMPLED)
-    assert summary.topics == {f"/{topic.name}": count for topic in SAMPLED}
+    assert summary.counts == {f"/{topic.name}": count for topic in SAMPLED}
     assert (summary.start_ns, summary.end_ns) == (0, RUN.stamps_ns[-1])
     assert summary.flaws[0] == "it has no metadata.yaml"
     suffix = {"mcap": "mcap", "sqlite3": "db3"}[storage]
@@ -58,11 +57,11 @@ def test_a_recovered_bag_is_complete_for_everyone(tmp_path: Path, storage: str) 
     assert_same(read, RUN)
     assert read.controller == "ppc"
     with Reader(bag) as reader:
-        assert reader.message_count == summary.messages
+        assert reader.message_count == summary.counts.total()
         assert {connection.digest[:7] for connection in reader.connections} == {"RIHS01_"}
     if storage == "mcap":
         with storage_file(bag).open("rb") as file:
-            assert sum(1 for _ in make_reader(file).iter_messages()) == summary.messages
+            assert sum(1 for _ in make_reader(file).iter_messages()) == summary.counts.total()
 
 
 @pytest.mark.parametrize("part", [0.3, 0.6, 0.95])
@@ -138,7 +137,7 @@ def test_a_topic_that_nobody_knows_hinders_only_with_messages(tmp_path: Path) ->
         row = "INSERT INTO topics SELECT 99, '/own', 'own_msgs/msg/Own', 'cdr', '', ''"
         database.execute(row)
     also = shutil.copytree(bag, tmp_path / "also")
-    assert recover(bag).messages == len(RUN.stamps_ns) * len(SAMPLED)
+    assert recover(bag).counts.total() == len(RUN.stamps_ns) * len(SAMPLED)
     assert_same(read_run(bag), RUN)
     with contextlib.closing(sqlite3.connect(storage_file(also), isolation_level=None)) as database:
         database.execute("INSERT INTO messages SELECT 999999, 99, 7, x'00010000'")

@@ -116,7 +116,7 @@ class Bag:
     def _source(self, path: Path, allowance: Allowance) -> Source:
         """Storage file; where rosbag2 has compressed it whole, a copy."""
         if path.suffix != _COMPRESSED:
-            return _opened(path, path, allowance, self._finished)
+            return _opened(path, allowance, self._finished)
         with TemporaryDirectory() as folder:  # gone before a message is read: a kill leaves none
             plain = Path(folder) / path.stem
             try:
@@ -124,7 +124,7 @@ class Bag:
                     target.writelines(unzstd(compressed, allowance))
             except BagError as error:
                 self.flaws.append(f"{path.name} is damaged: {error}")
-            return _opened(plain, path, allowance, finished=True)
+            return _opened(plain, allowance, finished=True)
 
     def _read_information(self) -> dict[str, Any]:
         """Take what ``metadata.yaml`` says, or else the mark of an unfinished bag; or nothing."""
@@ -177,10 +177,8 @@ class Bag:
         return found
 
 
-def _opened(path: Path, known: Path, allowance: Allowance, finished: bool) -> Source:
-    if path.suffix == ".mcap":
-        return McapSource(path, known, allowance)
-    return SqliteSource(path, known, finished)
+def _opened(path: Path, allowance: Allowance, finished: bool) -> Source:
+    return McapSource(path, allowance) if path.suffix == ".mcap" else SqliteSource(path, finished)
 
 
 def _kind(path: Path) -> str:

@@ -53,8 +53,7 @@ class _DamageError(Exception):
 class McapSource:
     """An MCAP file, whose chunks may become as large as the allowance says.
 
-    It is `known` by another path where rosbag2 has compressed it. It stays open up to the end of
-    `blocks`, so that it may be removed as soon as this is made.
+    It stays open up to the end of `blocks`, so that it may be removed as soon as this is made.
 
     Raises
     ------
@@ -62,7 +61,7 @@ class McapSource:
         The file is empty or no MCAP file.
     """
 
-    def __init__(self, path: Path, known: Path, allowance: Allowance) -> None:
+    def __init__(self, path: Path, allowance: Allowance) -> None:
         self._name = path.name
         self._allowance = allowance
         self.channels: dict[int, Channel] = {}
@@ -71,12 +70,12 @@ class McapSource:
         self._schemas: dict[int, str] = {}
         self._size = path.stat().st_size  # of a bag being recorded what is there now is read
         if self._size == 0:
-            raise BagError(f"{known} holds nothing")
+            raise BagError(f"{path} holds nothing")
         self._file = plain_file(path)
         self._sum = crc32(magic := self._file.read(len(_MAGIC)))
         if not _MAGIC.startswith(magic):
             self._file.close()
-            raise BagError(f"{known} is no MCAP file")
+            raise BagError(f"{path} is no MCAP file")
 
     def blocks(self) -> Iterator[Block]:
         """Messages in the order of the file, a block a chunk."""

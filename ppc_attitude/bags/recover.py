@@ -17,6 +17,7 @@
 import contextlib
 import os
 import shutil
+from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -36,14 +37,12 @@ _WORK = ".recovering"
 
 
 class Recovery(NamedTuple):
-    """A bag that is complete now, with its messages in all and by topic.
+    """A bag that is complete now, with the number of its messages by topic.
 
     It begins and ends at the first and last time of receipt [ns]; its flaws are why it was cut.
     """
 
-    path: Path
-    messages: int
-    topics: dict[str, int]
+    counts: Counter[str]
     start_ns: int
     end_ns: int
     flaws: tuple[str, ...]
@@ -137,8 +136,7 @@ def _copy(bag: Bag, copy: Path, cut: Bag) -> Recovery:
             first = min(first, int(block.time.min(initial=first)))
             last = max(last, int(block.time.max(initial=last)))
         writer.set_custom_data(RECOVERED_KEY, "; ".join(bag.flaws))
-    messages = bag.counts.total()
-    return Recovery(bag.path, messages, dict(bag.counts), first, last, tuple(bag.flaws))
+    return Recovery(bag.counts, first, last, tuple(bag.flaws))
 
 
 def _announce(writer: BagWriter, channel: Channel) -> None:

@@ -56,8 +56,8 @@ _JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
 class SqliteSource:
     """A SQLite file; of a finished one, which nobody writes any more, no journal is its own.
 
-    It is `known` by another path where rosbag2 has compressed it. It stays open up to the end of
-    `blocks`, so that a finished one may be removed as soon as this is made.
+    It stays open up to the end of `blocks`, so that a finished one may be removed as soon as this
+    is made.
 
     Raises
     ------
@@ -65,14 +65,14 @@ class SqliteSource:
         The file is empty or no rosbag2 database.
     """
 
-    def __init__(self, path: Path, known: Path, finished: bool) -> None:
+    def __init__(self, path: Path, finished: bool) -> None:
         self.path = path
         self.custom_data: dict[str, str] = {}
         self.cut = ""
         self._held = self._size = 0
         self._is_settled = finished  # nobody writes it any more
         if path.stat().st_size == 0:
-            raise BagError(f"{known} holds nothing")
+            raise BagError(f"{path} holds nothing")
         self._database = self._open(finished)
         try:
             for table in _TABLES.keys() - {_METADATA}:
@@ -80,9 +80,8 @@ class SqliteSource:
             self.channels = self._read_channels()
         except _DAMAGE as error:
             self._database.close()
-            raise BagError(
-                f"{known} cannot be read as a rosbag2 database: {_told(error)}"
-            ) from error
+            why = f"cannot be read as a rosbag2 database: {_told(error)}"
+            raise BagError(f"{path} {why}") from error
         self._read_metadata()
 
     def blocks(self) -> Iterator[Block]:

@@ -36,9 +36,8 @@ def execute(arguments: argparse.Namespace) -> int:
     """Recover and say what was found."""
     found = recover(arguments.bag)
     length = seconds(found.end_ns - found.start_ns)
-    print(
-        f"{found.messages} messages on {len(found.topics)} topics, received within {length:.3f} s"
-    )
+    messages = f"{found.counts.total()} messages on {len(found.counts)} topics"
+    print(f"{messages}, received within {length:.3f} s")
     print(f"it was cut: {printable('; '.join(found.flaws))}")
-    print(f"bag: {found.path}")
+    print(f"bag: {arguments.bag}")
     return DONE
