@@ -27,7 +27,6 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import lz4.frame
 import pytest
@@ -36,12 +35,8 @@ import zstandard
 from bag_helpers import messages, record_all, storage_file
 from synthetic import SAMPLED, normal_run
 
-from ppc_attitude.bags import writer
-from ppc_attitude.bags.folder import Bag
 from ppc_attitude.bags.foreign import SMALL, UNFOLDS
-from ppc_attitude.bags.marks import write_unfinished
 from ppc_attitude.bags.reader import read_run
-from ppc_attitude.bags.recover import recover
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.cdr import Codec
@@ -278,22 +273,3 @@ def test_time_grows_with_the_bag_and_not_faster(
         read_run(tmp_path / "bag.mcap")
         spent[part] = min(spent[part], time.process_time() - before)
     assert spent[1] < 8 * spent[4], spent
-
-
-def test_a_recovery_writes_what_the_bag_says_of_its_run_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    bag = tmp_path / "bag"
-    write_run(RUN, bag)
-    told = {f"key {count}": "" for count in range(50)}
-    metadata(bag, message_count=0, custom_data=told)
-    written: list[object] = []
-
-    def write(*said: Any) -> None:
-        written.append(said)
-        write_unfinished(*said)
-
-    monkeypatch.setattr(writer, "write_unfinished", write)
-    recover(bag)
-    assert len(written) == 2  # with why it was cut, which is known at the end
-    assert told.items() <= Bag(bag).custom_data.items()

@@ -87,10 +87,6 @@ def test_of_a_compressed_file_no_copy_outlasts_a_kill(
     (tmp_path / "temporary").mkdir()
     for _ in Bag(bag).blocks():
         assert not list((tmp_path / "temporary").iterdir())
-    (file,) = bag.glob("*.zstd")
-    file.write_bytes(file.read_bytes()[:1000])
-    with pytest.raises(BagError, match=f"{file.stem} holds nothing"):
-        read_run(bag)
 
 
 @pytest.mark.parametrize(
@@ -145,12 +141,6 @@ def test_a_storage_file_says_alone_what_the_bag_says_of_its_run(
         assert_same(read, RUN)
         facts = (read.controller, read.parameters, read.metadata)
         assert facts == (RUN.controller, RUN.parameters, RUN.metadata)
-
-
-def test_without_custom_data_the_controller_is_unknown(tmp_path: Path) -> None:
-    read = read_run(write_messages(tmp_path / "bag", list(messages(RUN))))
-    assert (read.controller, read.parameters, read.metadata) == ("unknown", {}, {})
-    assert_same(read, RUN)
 
 
 def test_a_run_in_a_namespace_has_the_parameters_of_its_own_nodes(tmp_path: Path) -> None:
@@ -303,12 +293,9 @@ def test_a_bag_split_into_files(tmp_path: Path) -> None:
 
 
 def test_a_topic_of_another_type_is_named(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "bag") as writer:
-        for topic in SAMPLED:
-            msgtype = "std_msgs/msg/String" if topic is TORQUE_COMMAND else topic.msgtype
-            writer.add_topic(f"/{topic.name}", msgtype)
-        for topic, stamp, data in messages(RUN):
-            writer.write(f"/{topic.name}", stamp, data)
+    text = {TORQUE_COMMAND: replace(TORQUE_COMMAND, msgtype="std_msgs/msg/String")}
+    sequence = [(text.get(topic, topic), stamp, data) for topic, stamp, data in messages(RUN)]
+    write_messages(tmp_path / "bag", sequence, run=RUN)
     expected = r"torque_command \(it is std_msgs/msg/String; allowed: geometry_msgs/msg/WrenchSt"
     with pytest.raises(BagError, match=expected):
         read_run(tmp_path / "bag", whole=True)

@@ -64,10 +64,9 @@ def test_a_recovered_bag_is_complete_for_everyone(tmp_path: Path, storage: str) 
             assert sum(1 for _ in make_reader(file).iter_messages()) == summary.counts.total()
 
 
-@pytest.mark.parametrize("part", [0.3, 0.6, 0.95])
-def test_a_truncated_file_is_recovered_as_far_as_it_goes(tmp_path: Path, part: float) -> None:
+def test_a_truncated_file_is_recovered_as_far_as_it_goes(tmp_path: Path) -> None:
     write_run(RUN, tmp_path / "bag")
-    size = int(part * storage_file(tmp_path / "bag").stat().st_size)
+    size = storage_file(tmp_path / "bag").stat().st_size // 2
     cut = cut_copy(tmp_path / "bag", tmp_path / "cut", size, with_metadata=True)
     before = read_run(cut)
     recover(cut)
