@@ -18,6 +18,7 @@ import shutil
 import sqlite3
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
@@ -34,6 +35,39 @@ from ppc_attitude.contract.topics import Topic
 from ppc_attitude.simulation.replay import replay
 
 Message = tuple[Topic, int, bytes]
+STORE = get_typestore(Stores.ROS2_JAZZY)
+TYPES = STORE.types
+
+
+def serialised(message: Any, little_endian: bool = True) -> bytes:
+    """A message of one of the types, in CDR."""
+    return bytes(STORE.serialize_cdr(message, message.__msgtype__, little_endian=little_endian))
+
+
+def header(stamp: int, frame: str) -> Any:
+    """The header of a message, with its stamp [ns]."""
+    time = TYPES["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
+    return TYPES["std_msgs/msg/Header"](stamp=time, frame_id=frame)
+
+
+def vector(values: Any) -> Any:
+    """Three numbers as a message."""
+    return TYPES["geometry_msgs/msg/Vector3"](*values)
+
+
+def quaternion(values: Any) -> Any:
+    """Four numbers, x y z w, as a message."""
+    return TYPES["geometry_msgs/msg/Quaternion"](*values)
+
+
+def imu(head: Any, orientation: Any, rate: Any, acceleration: Any) -> Any:
+    """An Imu of numbers, each with a covariance of nine."""
+    (q, q_covariance), (w, w_covariance), (a, a_covariance) = orientation, rate, acceleration
+    return TYPES["sensor_msgs/msg/Imu"](
+        *(head, quaternion(q), np.array(q_covariance)),
+        *(vector(w), np.array(w_covariance)),
+        *(vector(a), np.array(a_covariance)),
+    )
 
 
 def messages(run: RunRecord) -> Iterator[Message]:
@@ -70,11 +104,10 @@ def written_by_rosbags(
 ) -> Path:
     """Write the messages of a run, compressed or not, as rosbags itself does."""
     writer = Writer(path, version=8, storage_plugin=storage)
-    types = get_typestore(Stores.ROS2_JAZZY)
     writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:
         connections = {
-            topic: writer.add_connection(f"/{topic.name}", topic.msgtype, typestore=types)
+            topic: writer.add_connection(f"/{topic.name}", topic.msgtype, typestore=STORE)
             for topic in SAMPLED
         }
         for topic, stamp, data in messages(run):

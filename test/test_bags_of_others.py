@@ -23,9 +23,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bag_helpers import messages, write_messages
+from bag_helpers import TYPES, header, imu, messages, quaternion, serialised, vector, write_messages
 from conftest import Ask
-from rosbags.typesys import Stores, get_typestore
 from synthetic import SAMPLED, normal_run, without_columns
 
 from ppc_attitude.analysis.metrics import Verdict
@@ -40,35 +39,17 @@ from ppc_attitude.processes.exits import BAD_INPUT
 
 RUN = normal_run(duration=1.0)
 OWN_PLANT = ("attitude", "angular_velocity", "torque_command")
-STORE = get_typestore(Stores.ROS2_JAZZY)
-TYPES = STORE.types
 MAPPED = {"attitude": "/imu/data", "angular_velocity": "/imu/data"}
 
 
-def vector(values: Any) -> Any:
-    return TYPES["geometry_msgs/msg/Vector3"](*values)
+def head(stamp: int) -> Any:
+    return header(stamp, f"imu{stamp % 3}")
 
 
-def quaternion(values: Any) -> Any:
-    return TYPES["geometry_msgs/msg/Quaternion"](*values)
-
-
-def header(stamp: int) -> Any:
-    time = TYPES["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
-    return TYPES["std_msgs/msg/Header"](stamp=time, frame_id=f"imu{stamp % 3}")
-
-
-def imu(stamp: int, attitude: Any, rate: Any, covariance: float = 0.0) -> Any:
-    covariances = np.array([covariance, *[0.0] * 8])
-    return TYPES["sensor_msgs/msg/Imu"](
-        header=header(stamp),
-        orientation=quaternion(attitude),
-        orientation_covariance=covariances,
-        angular_velocity=vector(rate),
-        angular_velocity_covariance=np.zeros(9),
-        linear_acceleration=vector((0.0, 0.0, 9.81)),
-        linear_acceleration_covariance=np.zeros(9),
-    )
+def measured(stamp: int, q: Any, rate: Any, covariance: float = 0.0) -> Any:
+    zero = [0.0] * 9
+    orientation = q, [covariance, *zero[1:]]
+    return imu(head(stamp), orientation, (rate, zero), ((0.0, 0.0, 9.81), zero))
 
 
 def pose(attitude: Any) -> Any:
@@ -82,7 +63,7 @@ def write_typed(path: Path, typed: list[tuple[str, int, Any]]) -> Path:
         for topic, msgtype in {topic: m.__msgtype__ for topic, _, m in typed}.items():
             writer.add_topic(topic, msgtype)
         for topic, time, m in typed:
-            writer.write(topic, time, bytes(STORE.serialize_cdr(m, m.__msgtype__)))
+            writer.write(topic, time, serialised(m))
     return path
 
 
@@ -124,17 +105,17 @@ def test_a_bag_without_anything_of_a_plant_is_read(tmp_path: Path, column: str, 
 
 
 KINDS: dict[str, Callable[[int, Any], Any]] = {
-    "imu": lambda stamp, q: imu(stamp, q, (0.0, 0.0, 0.0)),
+    "imu": lambda stamp, q: measured(stamp, q, (0.0, 0.0, 0.0)),
     "pose": lambda _, q: pose(q),
-    "stamped pose": lambda stamp, q: TYPES["geometry_msgs/msg/PoseStamped"](header(stamp), pose(q)),
+    "stamped pose": lambda stamp, q: TYPES["geometry_msgs/msg/PoseStamped"](head(stamp), pose(q)),
     "pose with covariance": lambda stamp, q: TYPES["geometry_msgs/msg/PoseWithCovarianceStamped"](
-        header(stamp), TYPES["geometry_msgs/msg/PoseWithCovariance"](pose(q), np.zeros(36))
+        head(stamp), TYPES["geometry_msgs/msg/PoseWithCovariance"](pose(q), np.zeros(36))
     ),
     "quaternion": lambda _, q: quaternion(q),
     "header that nobody fills": lambda _, q: TYPES["geometry_msgs/msg/QuaternionStamped"](
-        header(0), quaternion(q)
+        head(0), quaternion(q)
     ),
-    "header that is filled once": lambda _, q: imu(777, q, (0.0, 0.0, 0.0)),
+    "header that is filled once": lambda _, q: measured(777, q, (0.0, 0.0, 0.0)),
 }
 UNSTAMPED = {
     **dict.fromkeys(("pose", "quaternion", "header that nobody fills"), "no stamps"),
@@ -156,7 +137,7 @@ def test_an_attitude_of_hardware(tmp_path: Path, kind: str) -> None:
 
 def test_equal_messages_with_one_stamp_are_one_and_this_is_told(tmp_path: Path) -> None:
     """A craft at rest whose driver fills no header was one instant without a word."""
-    sent = [("/imu/data", k, imu(7, (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0))) for k in range(30)]
+    sent = [("/imu/data", k, measured(7, (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0))) for k in range(30)]
     read = read_run(write_typed(tmp_path / "bag", sent), topics=MAPPED)
     assert read.stamps_ns.tolist() == [7]
     assert read.warnings[0] == "30 equal messages of /imu/data with one stamp are one"
@@ -192,7 +173,7 @@ def test_a_constant_beside_a_rate_without_stamps_keeps_its_stamp(tmp_path: Path)
 
 def test_one_imu_gives_attitude_and_rate(tmp_path: Path) -> None:
     both = zip(rows(RUN, "attitude"), RUN["angular_velocity"].tolist(), strict=True)
-    sent = [("/imu/data", 5, imu(stamp, q, w)) for (stamp, q), w in both]
+    sent = [("/imu/data", 5, measured(stamp, q, w)) for (stamp, q), w in both]
     read = read_run(write_typed(tmp_path / "bag", sent), topics=MAPPED)
     np.testing.assert_array_equal(read["attitude"], RUN["attitude"])
     np.testing.assert_array_equal(read["angular_velocity"], RUN["angular_velocity"])
@@ -202,10 +183,10 @@ def test_an_imu_without_orientation_and_a_quaternion_of_zeros_are_no_attitude(
     tmp_path: Path,
 ) -> None:
     sent = [
-        ("/imu/data", 1, imu(0, (0, 0, 0, 1), (1, 2, 3))),
-        ("/imu/data", 2, imu(10, (0, 0, 0, 1), (1, 2, 3), covariance=-1.0)),
-        ("/imu/data", 3, imu(20, (0, 0, 0, 0), (1, 2, 3))),
-        ("/imu/data", 4, imu(30, (0, 0, 1, 0), (1, 2, 3))),
+        ("/imu/data", 1, measured(0, (0, 0, 0, 1), (1, 2, 3))),
+        ("/imu/data", 2, measured(10, (0, 0, 0, 1), (1, 2, 3), covariance=-1.0)),
+        ("/imu/data", 3, measured(20, (0, 0, 0, 0), (1, 2, 3))),
+        ("/imu/data", 4, measured(30, (0, 0, 1, 0), (1, 2, 3))),
     ]
     read = read_run(write_typed(tmp_path / "bag", sent), "/craft", topics=MAPPED)
     assert "2 messages of /imu/data cannot be used" in read.warnings
@@ -317,8 +298,8 @@ def test_a_plant_in_any_rhythm_has_no_gaps(tmp_path: Path) -> None:
 
 
 def test_what_is_asked_for_and_missing_is_an_error(tmp_path: Path) -> None:
-    attitude = rows(RUN, "attitude")
-    bag = write_typed(tmp_path / "bag", [("/imu", s, imu(s, q, (0, 0, 0))) for s, q in attitude])
+    sent = [("/imu", s, measured(s, q, (0, 0, 0))) for s, q in rows(RUN, "attitude")]
+    bag = write_typed(tmp_path / "bag", sent)
     with pytest.raises(BagError, match=r"has no topic /imuu for attitude; it holds /imu \(sensor"):
         read_run(bag, topics={"attitude": "imuu"})
     ours = write_messages(tmp_path / "ours", list(messages(RUN)))
@@ -346,9 +327,9 @@ def hardware(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A minute of an Imu and a goal, as a driver records them."""
     run = normal_run(duration=70.0, rate=10.0)
     both = zip(rows(run, "attitude"), run["angular_velocity"].tolist(), strict=True)
-    sent = [("/imu/data", stamp, imu(stamp, q, w)) for (stamp, q), w in both]
+    sent = [("/imu/data", stamp, measured(stamp, q, w)) for (stamp, q), w in both]
     sent += [
-        ("/goal", stamp, TYPES["geometry_msgs/msg/PoseStamped"](header(stamp), pose(q)))
+        ("/goal", stamp, TYPES["geometry_msgs/msg/PoseStamped"](head(stamp), pose(q)))
         for stamp, q in rows(run, "reference_attitude")
     ]
     return write_typed(tmp_path_factory.mktemp("hardware") / "bag", sent)

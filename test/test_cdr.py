@@ -14,46 +14,19 @@
 
 """CDR of Imu and JointState, against the serialisers of rosbags and rclpy, and by hand."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.typesys import Stores, get_typestore
+from bag_helpers import TYPES, header, imu, serialised
 
 from ppc_attitude.contract.carriers import carriers, decode_rows
 from ppc_attitude.contract.cdr import CdrError, Codec
 from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.topics import ATTITUDE
 
-STORE = get_typestore(Stores.ROS2_JAZZY)
-MSGTYPE = "sensor_msgs/msg/Imu"
 STAMP = 12_345_678_901_234
-NONE = [-1.0] + [0.0] * 8  # REP 145: there is no such quantity
-
-
-def message(data: bytes) -> Any:
-    return STORE.deserialize_cdr(data, MSGTYPE)
-
-
-def symmetric(a: list[float]) -> list[float]:
-    xx, xy, xz, yy, yz, zz = a
-    return [xx, xy, xz, xy, yy, yz, xz, yz, zz]
-
-
-def numbers(vector: Any) -> list[float]:
-    return [getattr(vector, name) for name in ("x", "y", "z", "w") if hasattr(vector, name)]
-
-
-def sent(column: str) -> tuple[list[float], Any]:
-    topic = BY_COLUMN[column]
-    values = [0.5 * k + 0.25 for k in range(topic.width)]
-    data = Codec(topic).encode(STAMP, values)
-    read = message(data)
-    assert read.header.frame_id == topic.frame_id
-    assert read.header.stamp.sec * 10**9 + read.header.stamp.nanosec == STAMP
-    assert numbers(read.linear_acceleration) == [0.0] * 3
-    assert read.linear_acceleration_covariance.tolist() == NONE
-    return values, read
 
 
 def test_what_is_too_short_for_a_message_is_not_read_whatever_its_length() -> None:
@@ -63,50 +36,45 @@ def test_what_is_too_short_for_a_message_is_not_read_whatever_its_length() -> No
             assert not readable.any()
 
 
-def test_a_gyro_sample_has_no_orientation() -> None:
-    values, read = sent("gyro")
-    assert read.orientation_covariance.tolist() == NONE
-    assert numbers(read.angular_velocity) == values[:3]
-    v = values[3]
-    assert read.angular_velocity_covariance.tolist() == [v, 0, 0, 0, v, 0, 0, 0, v]
+NONE = [-1.0] + [0.0] * 8  # REP 145: there is no such quantity
+NO_VECTOR = ([0.0] * 3, NONE)
 
 
-def test_a_fix_has_no_rate() -> None:
-    values, read = sent("star_fix")
-    assert numbers(read.orientation) == values[:4]
-    a, b, c = values[4:]
-    assert read.orientation_covariance.tolist() == [a, 0, 0, 0, b, 0, 0, 0, c]
-    assert numbers(read.angular_velocity) == [0.0] * 3
-    assert read.angular_velocity_covariance.tolist() == NONE
+def diagonal(a: Any) -> list[float]:
+    return np.diag(a).ravel().tolist()
 
 
-def test_an_estimate_has_both_with_whole_covariances() -> None:
-    values, read = sent("estimate")
-    assert numbers(read.orientation) == values[:4]
-    assert read.orientation_covariance.tolist() == symmetric(values[4:10])
-    assert numbers(read.angular_velocity) == values[10:13]
-    assert read.angular_velocity_covariance.tolist() == symmetric(values[13:19])
+def symmetric(a: Any) -> list[float]:
+    xx, xy, xz, yy, yz, zz = a
+    return [xx, xy, xz, xy, yy, yz, xz, yz, zz]
 
 
-@pytest.mark.parametrize("column", ["gyro", "star_fix", "estimate"])
-@pytest.mark.parametrize("little_endian", [True, False])
-def test_what_was_sent_is_read_again(column: str, little_endian: bool) -> None:
-    topic = BY_COLUMN[column]
-    codec = Codec(topic)
-    rows = np.random.default_rng(3).normal(size=(5, topic.width))
-    encoded = [codec.encode(STAMP + k, row.tolist()) for k, row in enumerate(rows)]
-    data = [
-        bytes(STORE.serialize_cdr(message(each), MSGTYPE, little_endian=little_endian))
-        for each in encoded
+# Orientation and angular velocity, each with its covariance, of the numbers of a column.
+IMUS: dict[str, Callable[[Any], Any]] = {
+    "gyro": lambda a: (([0.0] * 4, NONE), (a[:3], diagonal([a[3]] * 3))),
+    "star_fix": lambda a: ((a[:4], diagonal(a[4:])), NO_VECTOR),
+    "estimate": lambda a: ((a[:4], symmetric(a[4:10])), (a[10:13], symmetric(a[13:]))),
+}
+
+
+@pytest.mark.parametrize("column", IMUS)
+@pytest.mark.parametrize("little", [True, False])
+def test_what_sensors_and_filters_say_is_an_imu(column: str, little: bool) -> None:
+    codec, topic = Codec(BY_COLUMN[column]), BY_COLUMN[column]
+    rows = np.random.default_rng(3).normal(size=(5, topic.width)).tolist()
+    said = [
+        imu(header(STAMP + k, topic.frame_id), *IMUS[column](row), NO_VECTOR)
+        for k, row in enumerate(rows)
     ]
-    for k, each in enumerate(data):
-        sample = codec.decode(each)
-        assert (sample.stamp_ns, sample.frame_id) == (STAMP + k, topic.frame_id)
-        assert list(sample.values) == rows[k].tolist()
+    ours = [codec.encode(STAMP + k, row) for k, row in enumerate(rows)]
+    assert ours == [serialised(each) for each in said]
+    data = [serialised(each, little) for each in said]
+    expected = [(STAMP + k, topic.frame_id, tuple(row)) for k, row in enumerate(rows)]
+    assert [codec.decode(each) for each in data] == expected
     stamps, values, readable = codec.decode_rows(np.array([list(each) for each in data], np.uint8))
     assert readable.all()
     assert stamps.tolist() == [STAMP + k for k in range(5)]
-    assert np.array_equal(values, rows)
+    assert values.tolist() == rows
 
 
 # Part, how many, and which list of position, velocity and effort.
@@ -123,10 +91,8 @@ def row_of(column: str) -> tuple[float, ...]:
 
 
 def joint_state(frame: str, names: list[str], *lists: list[float], little: bool = True) -> bytes:
-    types = STORE.types
-    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](12, 345), frame)
-    state = types["sensor_msgs/msg/JointState"](header, names, *map(np.array, lists))
-    return bytes(STORE.serialize_cdr(state, state.__msgtype__, little_endian=little))
+    state = TYPES["sensor_msgs/msg/JointState"]
+    return serialised(state(header(12_000_000_345, frame), names, *map(np.array, lists)), little)
 
 
 @COLUMNS
