@@ -22,7 +22,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Ask
 from craft_helpers import case
 from synthetic import normal_run
 
@@ -164,13 +163,3 @@ def test_missing_pyarrow_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(ConfigurationError, match=r"Parquet needs pyarrow: pip install .*campaign"):
         export_parquet(normal_run(duration=0.1), tmp_path / "out")
-
-
-def test_the_command_exports_every_instant_that_is_analysed(tmp_path: Path, ask: Ask) -> None:
-    bag, table = tmp_path / "bag", tmp_path / "run.csv"
-    write_run(normal_run(duration=2.0), bag)
-    assert ask("export", bag, "--csv", table).out == f"table: {table}\n"
-    head, *rows = table.read_text().splitlines()
-    assert head.startswith("stamp_ns,t,attitude_x,")
-    assert len(rows) == 201
-    assert ask("analyse", bag, "--json").json["steps"] == len(rows)

@@ -26,11 +26,10 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from bag_helpers import storage_file
+from bag_helpers import STORE, storage_file
 from mcap.reader import make_reader
 from packaging.specifiers import SpecifierSet
 from rosbags.rosbag2 import Reader
-from rosbags.typesys import Stores, get_typestore
 from synthetic import SAMPLED, normal_run
 
 from ppc_attitude.bags.run_writer import write_run
@@ -40,7 +39,6 @@ from ppc_attitude.contract.cdr import Codec, encode_clock
 from ppc_attitude.contract.declared import TOPICS
 from ppc_attitude.contract.topics import ATTITUDE
 
-JAZZY = get_typestore(Stores.ROS2_JAZZY)
 FOREVER = {"sec": 9223372036, "nsec": 854775807}
 SECOND = 1_000_000_000
 
@@ -72,7 +70,7 @@ def test_metadata_field_by_field(tmp_path: Path, storage: str) -> None:
                 "type": msgtype,
                 "serialization_format": "cdr",
                 "offered_qos_profiles": qos,
-                "type_description_hash": JAZZY.hash_rihs01(msgtype),
+                "type_description_hash": STORE.hash_rihs01(msgtype),
             },
             "message_count": count,
         }
@@ -134,15 +132,15 @@ def test_rosbags_reads_every_message_with_its_definition(tmp_path: Path, storage
         connections = {connection.topic: connection for connection in reader.connections}
         for topic in SAMPLED:
             connection = connections[f"/{topic.name}"]
-            definition, _ = JAZZY.generate_msgdef(topic.msgtype, ros_version=2)
+            definition, _ = STORE.generate_msgdef(topic.msgtype, ros_version=2)
             assert connection.msgdef.data == definition
             assert connection.msgcount == len(run.stamps_ns)
         read = [
-            JAZZY.deserialize_cdr(data, ATTITUDE.msgtype)
+            STORE.deserialize_cdr(data, ATTITUDE.msgtype)
             for _, _, data in reader.messages([connections["/attitude"]])
         ]
         clock = [
-            JAZZY.deserialize_cdr(data, "rosgraph_msgs/msg/Clock").clock
+            STORE.deserialize_cdr(data, "rosgraph_msgs/msg/Clock").clock
             for _, _, data in reader.messages([connections["/clock"]])
         ]
     values = [[getattr(message.quaternion, axis) for axis in "xyzw"] for message in read]
@@ -228,4 +226,4 @@ def test_types_have_the_hashes_of_the_installed_ros(monkeypatch: pytest.MonkeyPa
         share = Path(packages.get_package_share_directory(package))
         description = json.loads((share / "msg" / f"{name}.json").read_text())
         hashes = {one["type_name"]: one["hash_string"] for one in description["type_hashes"]}
-        assert JAZZY.hash_rihs01(msgtype) == hashes[msgtype]
+        assert STORE.hash_rihs01(msgtype) == hashes[msgtype]

@@ -14,6 +14,7 @@
 
 """Messages of a bag that may belong to a run, decoded while the bag is read."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -57,7 +58,7 @@ class Collected:
         self._namespace = namespace
         self._names = names
         self._parts: dict[str, list[Series]] = {}
-        self._unreadable: dict[str, int] = {}
+        self._unreadable: Counter[str] = Counter()
         # How many messages have another frame, and what a node says of the first.
         self._strange: dict[str, tuple[int, str]] = {}
         self._notes: list[str] = []
@@ -81,9 +82,8 @@ class Collected:
                 told = stamps[readable]
                 received = block.time[indices] if (told == told[:1]).all() else None
                 part = Series(stamps, values, indices + self._met, received)
-                bad = len(rows) - int(readable.sum())
-                if bad:
-                    self._unreadable[channel.topic] = self._unreadable.get(channel.topic, 0) + bad
+                if not readable.all():
+                    self._unreadable[channel.topic] += int((~readable).sum())
                     part = part[readable]
                 self._parts.setdefault(name, []).append(part)
         self._met += len(block.channel)
@@ -161,7 +161,7 @@ class Collected:
             try:
                 found += [(arrival, change) for change in decode_changes(data)]
             except Exception:  # whatever rosbags raises
-                self._unreadable[name] = self._unreadable.get(name, 0) + 1
+                self._unreadable[name] += 1
         return found
 
     def warnings(self, namespace: str) -> list[str]:

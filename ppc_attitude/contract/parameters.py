@@ -18,7 +18,7 @@ The nodes declare these, the configuration loader checks against them, and the d
 table is tested against them. Those of a component come with it.
 """
 
-from collections.abc import Iterator, Mapping
+from collections import UserDict
 from functools import cache
 
 from ppc_attitude.contract.topics import (
@@ -172,19 +172,11 @@ def _parameters_of(node: str) -> tuple[Parameter, ...]:
     return tuple({**own, **of_kinds}.values())
 
 
-class _Tables(Mapping[str, tuple[Parameter, ...]]):
+class _Tables(UserDict[str, tuple[Parameter, ...]]):
     """Parameters by node; a node's components are loaded when it is asked for."""
 
     def __getitem__(self, node: str) -> tuple[Parameter, ...]:
-        if node not in OWN:
-            raise KeyError(node)
         return _parameters_of(node)
 
-    def __iter__(self) -> Iterator[str]:
-        return iter(OWN)
 
-    def __len__(self) -> int:
-        return len(OWN)
-
-
-PARAMETERS = _Tables()
+PARAMETERS = _Tables(OWN)
