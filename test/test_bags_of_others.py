@@ -322,43 +322,35 @@ def test_two_partial_runs_in_one_bag_are_told_apart(tmp_path: Path) -> None:
         read_run(bag)
 
 
-@pytest.fixture(scope="module")
-def hardware(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.mark.usefixtures("undrawn")
+def test_the_commands_take_bags_of_hardware(tmp_path: Path, ask: Ask) -> None:
     """A minute of an Imu and a goal, as a driver records them."""
     run = normal_run(duration=70.0, rate=10.0)
     both = zip(rows(run, "attitude"), run["angular_velocity"].tolist(), strict=True)
     sent = [("/imu/data", stamp, measured(stamp, q, w)) for (stamp, q), w in both]
-    sent += [
-        ("/goal", stamp, TYPES["geometry_msgs/msg/PoseStamped"](head(stamp), pose(q)))
-        for stamp, q in rows(run, "reference_attitude")
-    ]
-    return write_typed(tmp_path_factory.mktemp("hardware") / "bag", sent)
-
-
-TOLD = [f"--topic={ours}=/imu/data" for ours in MAPPED] + ["--topic=reference/attitude=/goal"]
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_the_commands_take_bags_of_hardware(hardware: Path, tmp_path: Path, ask: Ask) -> None:
+    goals = rows(run, "reference_attitude")
+    sent += [("/goal", stamp, KINDS["stamped pose"](stamp, q)) for stamp, q in goals]
+    hardware = write_typed(tmp_path / "bag", sent)
+    topics = [f"--topic={ours}=/imu/data" for ours in MAPPED] + ["--topic=reference/attitude=/goal"]
     page, table = tmp_path / "run.html", tmp_path / "run.csv"
-    told = ask("analyse", hardware, *TOLD, "--report", page, "--json").json
+    told = ask("analyse", hardware, *topics, "--report", page, "--json").json
     by_name = {each["name"]: each for each in told["requirements"]}
     assert by_name["settling time"]["pass"] and by_name["angular rate (norm)"]["pass"]
     assert by_name["applied torque on an axis"]["reason"] == "no topic applied_torque in the bag"
     assert "no topic applied_torque in the bag" in page.read_text()
-    ask("export", hardware, *TOLD, "--csv", table)
+    ask("export", hardware, *topics, "--csv", table)
     with table.open() as file:
         head = next(csv.reader(file))
     assert head[2:9] == [f"attitude_{k}" for k in "xyzw"] + [f"angular_velocity_{k}" for k in "xyz"]
     ours = tmp_path / "ours"
-    write_run(normal_run(duration=70.0, rate=10.0), ours)
+    write_run(run, ours)
     compared = tmp_path / "compared.html"
-    said = ask("compare", hardware, ours, *TOLD, "--report", compared).err
+    said = ask("compare", hardware, ours, *topics, "--report", compared).err
     assert f"warning: {ours}: there is no topic /imu/data: /attitude is read for attitude" in said
     assert "Pointing errors" in compared.read_text()
-    refused = ask("analyse", hardware, *TOLD, "--topic=attitude=/goal", code=BAD_INPUT).err
+    refused = ask("analyse", hardware, *topics, "--topic=attitude=/goal", code=BAD_INPUT).err
     assert refused == "error: --topic attitude is given as /imu/data and as /goal\n"
-    assert "controller 'unknown'" in ask("replay", hardware, *TOLD, code=BAD_INPUT).err
+    assert "controller 'unknown'" in ask("replay", hardware, *topics, code=BAD_INPUT).err
 
 
 def test_a_bag_with_nothing_but_an_attitude_has_a_report(tmp_path: Path, ask: Ask) -> None:
