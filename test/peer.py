@@ -18,6 +18,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from typing import Any
 
 import rclpy
@@ -194,8 +195,21 @@ def last_torque(stack: Peer) -> float:
     return max(map(abs, stack.heard[APPLIED_TORQUE.name][-1].values))
 
 
+@contextmanager
+def living(kind: Callable[[], Any], *parameters: str, rules: Sequence[str] = ()) -> Iterator[Any]:
+    """Give a node in this process, with parameters ``NAME:=VALUE`` and rules ``NAME:=OTHER``."""
+    given = [*(("-p", each) for each in parameters), *(("-r", each) for each in rules)]
+    rclpy.init(args=["--ros-args", *chain(*given)])
+    try:
+        node = kind()
+        yield node
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+
+
 class Beside:
-    """A node in this process, and a peer in its namespace that feeds it by hand."""
+    """A node in this process (see `living`), and a peer in its namespace that feeds it by hand."""
 
     def __init__(self, node: Any, *feeds: Topic) -> None:
         self.node = node
@@ -235,5 +249,4 @@ class Beside:
     def close(self) -> None:
         self.executor.shutdown()
         self.node.close()
-        self.node.destroy_node()
         self.peer.destroy_node()

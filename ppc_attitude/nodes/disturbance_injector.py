@@ -15,36 +15,32 @@
 """The disturbance injector: environment torque, scheduled pulses, and injected torques."""
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
 import numpy as np
-from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import parameter_value_to_python
 
-from ppc_attitude.contract.cdr import finite
 from ppc_attitude.contract.topics import INJECT, INJECTOR
 from ppc_attitude.nodes.component_node import ComponentNode
-from ppc_attitude.nodes.parameters import type_name
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.injection import Injections
 from ppc_attitude.runtime.stamps import RefusedError, Values
 from ppc_attitude.science.disturbances.pulses import configuration_of, scheduled_pulses
-from ppc_attitude.science.parameter import Value
+from ppc_attitude.science.parameter import Parameter, Value, resolved
 from ppc_attitude.science.stamps import LATEST, NANOSECONDS, nanoseconds, seconds
 from ppc_attitude.simulation.scenario import check_pulses
 
-_NUMBER = (RosParameter.Type.DOUBLE.name, RosParameter.Type.INTEGER.name)
-_TYPES = {
-    "torque": (RosParameter.Type.DOUBLE_ARRAY.name, RosParameter.Type.INTEGER_ARRAY.name),
-    "start": _NUMBER,
-    "duration": _NUMBER,
-    "request": (RosParameter.Type.STRING.name,),
-}
-"""What a request may hold, and of which types."""
+_START = Parameter("start", 0.0, "when it begins to act; what is past: now", "s", 0.0, LATEST)
+_REQUEST = (
+    Parameter("torque", [], "torque in body axes", "N·m", length=3),
+    _START,
+    Parameter("duration", 1.0, "how long it acts", "s", 1e-9, LATEST),
+    Parameter("request", "", "name by which one that comes again is known"),
+)
+"""What a request may hold."""
 
 
 class DisturbanceInjector(ComponentNode):
@@ -95,19 +91,23 @@ class DisturbanceInjector(ComponentNode):
 
     def _on_message(self, stamp_ns: int, torque: Values) -> None:
         try:
-            _seconds("start", seconds(stamp_ns), lowest=0.0)
+            _START.checked(seconds(stamp_ns))
             self._inject(torque, stamp_ns, self.parameters["injection_duration"])
-        except RefusedError as reason:
+        except ValueError as reason:
             raise RefusedError(f"{INJECT.name}: {reason}") from None
 
     def _on_request(self, request: Any, response: Any) -> Any:
         """Answer the service: say from when to when the torque acts, or why it is refused."""
         try:
-            torque, start, duration, name = _asked(request.parameters)
-            duration = self.parameters["injection_duration"] if duration is None else duration
-            response.result.reason = self._inject(torque, nanoseconds(start), duration, name)
-            response.result.successful = True
-        except RefusedError as reason:
+            given = {
+                each.name: parameter_value_to_python(each.value) for each in request.parameters
+            }
+            default = {"duration": self.parameters["injection_duration"]}
+            asked: dict[str, Any] = resolved(_REQUEST, {**default, **given}, "inject")
+            torque, start, duration, name = (asked[each.name] for each in _REQUEST)
+            text = self._inject(tuple(torque), nanoseconds(start), duration, name)
+            response.result.reason, response.result.successful = text, True
+        except (ValueError, RuntimeError) as reason:  # of a type that ROS does not have: the latter
             self.refuse("~/inject", f"~/inject: {reason}")
             response.result.reason = str(reason)
         return response
@@ -119,38 +119,6 @@ class DisturbanceInjector(ComponentNode):
             "injections accepted": self._injections.accepted,
             "injections pending or active": self._injections.pending,
         }
-
-
-def _asked(parameters: Sequence[Parameter]) -> tuple[Values, float, float | None, str]:
-    """Torque [N·m], start [s], duration [s] and name of a request; the last two may be left out."""
-    fields: dict[str, Any] = {}
-    for each in parameters:
-        if each.name not in _TYPES:
-            raise RefusedError(f"{each.name} is unknown; allowed: {', '.join(_TYPES)}")
-        if each.name in fields:
-            raise RefusedError(f"{each.name} is given twice; allowed: once")
-        given = type_name(each.value)
-        if given not in _TYPES[each.name]:
-            allowed = " or ".join(_TYPES[each.name])
-            raise RefusedError(f"{each.name} is of type {given}; allowed: {allowed}")
-        fields[each.name] = parameter_value_to_python(each.value)
-    torque = tuple(map(float, fields.get("torque", ())))
-    if len(torque) != 3:
-        raise RefusedError(f"torque = {torque}; allowed: three numbers [N·m]")
-    if not finite(torque):
-        raise RefusedError(f"torque = {torque} N·m must be finite")
-    start = _seconds("start", fields.get("start", 0.0), lowest=0.0)
-    name = fields.get("request", "")
-    if "duration" not in fields:
-        return torque, start, None, name
-    return torque, start, _seconds("duration", fields["duration"], lowest=1e-9), name
-
-
-def _seconds(name: str, value: float, lowest: float) -> float:
-    if not lowest <= value <= LATEST:
-        allowed = f"{lowest:g} to {LATEST:g} of simulated time"
-        raise RefusedError(f"{name} = {value:g} s; allowed: {allowed}")
-    return float(value)
 
 
 main = partial(run_node, DisturbanceInjector)

@@ -21,7 +21,6 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ppc_attitude.contract.cdr import finite
 from ppc_attitude.contract.topics import INJECTOR
 from ppc_attitude.nodes.visiting import await_answer, visiting
 from ppc_attitude.science.errors import ConfigurationError
@@ -36,12 +35,10 @@ def inject(torque: tuple[float, ...], at: float, duration: float | None, namespa
     Raises
     ------
     ConfigurationError
-        The torque is not finite, the namespace none, or the injector refuses.
+        The namespace is none, or the injector refuses.
     TimeoutError
         No injector answered.
     """
-    if not finite(torque):
-        raise ConfigurationError(f"torque = {torque} N·m; allowed: finite")
     with visiting("inject", namespace) as node:
         wishes = {"torque": list(torque), "start": at, "duration": duration}
         # By its name the injector knows a request that is sent again, and adds the torque once.

@@ -27,7 +27,6 @@ from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
     ParameterDescriptor,
-    ParameterValue,
     SetParametersResult,
 )
 from rcl_interfaces.msg import Parameter as ParameterMessage
@@ -183,11 +182,6 @@ class _Services(ParameterService):
             return super()._set_parameters_atomically_callback(request, response)
         response.result = SetParametersResult(successful=False, reason=reason)
         return response
-
-
-def type_name(value: ParameterValue) -> str:
-    """Name of a value's type as rclpy has it; its number if no type of ROS has it."""
-    return _TYPES.get(value.type, str(value.type))
 
 
 def _numbers(value: Any) -> Any:

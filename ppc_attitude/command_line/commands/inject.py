@@ -16,7 +16,7 @@
 
 import argparse
 
-from ppc_attitude.command_line.options import POSITIVE, add_stack_options
+from ppc_attitude.command_line.options import POSITIVE, add_stack_options, number
 from ppc_attitude.processes.exits import DONE
 
 HELP = "inject a torque into a running stack"
@@ -33,7 +33,8 @@ EXAMPLES = (
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     for axis in "xyz":
-        parser.add_argument(axis, metavar=axis.upper(), type=float, help="torque, body axes [N·m]")
+        about = "torque, body axes [N·m]"
+        parser.add_argument(axis, metavar=axis.upper(), type=number(), help=about)
     parser.add_argument(
         "--duration",
         metavar="S",
