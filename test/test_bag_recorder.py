@@ -22,7 +22,7 @@ from pathlib import Path
 import pytest
 import rclpy
 from conftest import StartProcess
-from peer import Beside, peer
+from peer import Beside, living, peer
 from process_helpers import Node, end_all, until
 from rcl_interfaces.srv import ListParameters
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -49,15 +49,11 @@ pytestmark = pytest.mark.ros
 @contextmanager
 def recorder_into(bag: Path, *parameters: str) -> Iterator[Beside]:
     """Give a recorder in this process, and a peer beside it that sends states."""
-    given = [word for each in (f"bag:={bag}", *parameters) for word in ("-p", each)]
-    rclpy.init(args=["--ros-args", *given])
-    try:
-        beside = Beside(BagRecorder(), ATTITUDE, APPLIED_TORQUE)
+    with living(BagRecorder, f"bag:={bag}", *parameters) as node:
+        beside = Beside(node, ATTITUDE, APPLIED_TORQUE)
         beside.meet()
         yield beside
         beside.close()
-    finally:
-        rclpy.try_shutdown()
 
 
 def test_what_one_run_sends_at_best_effort_is_recorded_as_of_that_run(tmp_path: Path) -> None:

@@ -23,11 +23,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, Quaternion, Transform, Twist, Vector3
 from guidance_helpers import guided
-from peer import Beside
+from peer import Beside, living
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
@@ -71,9 +70,8 @@ REFERENCE = (REFERENCE_ATTITUDE, REFERENCE_RATE, REFERENCE_ACCELERATION)
 class Pilot(Beside):
     """A reference generator in this process, and a peer that feeds it and gives it goals."""
 
-    def __init__(self) -> None:
-        rclpy.init(args=["--ros-args", "-r", "__ns:=/craft", "-p", "mode:=goal"])
-        super().__init__(ReferenceGenerator(), ATTITUDE, GOAL_POSE, GOAL_TRAJECTORY)
+    def __init__(self, node: ReferenceGenerator) -> None:
+        super().__init__(node, ATTITUDE, GOAL_POSE, GOAL_TRAJECTORY)
         self.heard: dict[str, dict[int, tuple[float, ...]]] = {}
         self.told: list[DiagnosticStatus] = []
         for topic in REFERENCE:
@@ -141,12 +139,10 @@ class Pilot(Beside):
 
 @pytest.fixture
 def pilot(ros_domain: int) -> Iterator[Pilot]:
-    try:
-        made = Pilot()
+    with living(ReferenceGenerator, "mode:=goal", rules=["__ns:=/craft"]) as node:
+        made = Pilot(node)
         yield made
         made.close()
-    finally:
-        rclpy.try_shutdown()
 
 
 def flown(orders: list[Any], times: list[float], profiles: Any = ()) -> list[list[float]]:

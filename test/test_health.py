@@ -18,15 +18,15 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
 import yaml
 from craft_helpers import part_of
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from peer import Beside
+from peer import Beside, living
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
@@ -96,16 +96,12 @@ ARGUMENTS = {
 class Patient(Beside):
     """A node in this process, fed by hand, and what it says on `/diagnostics`."""
 
-    def __init__(self, kind: type[BaseNode], parameters: list[str], home: str) -> None:
-        options = [word for each in parameters for word in ("-p", each)]
-        rclpy.init(args=["--ros-args", "-r", f"__ns:={home}", *options])
-        self.full_name = f"{home.rstrip('/')}/{kind.executable}"
+    def __init__(self, kind: type[BaseNode], node: Any) -> None:
         self.passed = 0.0  # [s] of silence that nobody had to wait for
-        clock = staticmethod(lambda: time.monotonic() + self.passed)
+        node.now = lambda: time.monotonic() + self.passed
         self.kind = kind
         self.said: list[DiagnosticStatus] = []
         self.stamps: list[float] = []  # [s]
-        node = type(kind.__name__, (kind,), {"now": clock})()
         super().__init__(node, *NEEDS[kind][0], *([INJECT] if kind is DisturbanceInjector else []))
         self.peer.create_subscription(DiagnosticArray, DIAGNOSTICS_TOPIC.name, self._hear, 100)
         self.meet()
@@ -146,24 +142,23 @@ class Patient(Beside):
 
         self.until(lambda: bool(found()))
         status = found()[0]
-        assert status.name == f"{self.full_name.lstrip('/')}: status"
-        assert status.hardware_id == self.full_name
+        name = self.node.get_fully_qualified_name()
+        assert status.name == f"{name.lstrip('/')}: status"
+        assert status.hardware_id == name
         return {entry.key: entry.value for entry in status.values}
 
 
 @pytest.fixture
 def admit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Patient]]:
     monkeypatch.chdir(tmp_path)
-    patients: list[Patient] = []
+    with ExitStack() as ward:
 
-    def admitted(kind: type[BaseNode], *parameters: str, home: str = "/ward") -> Patient:
-        patients.append(Patient(kind, [*ARGUMENTS.get(kind, []), *parameters], home))
-        return patients[-1]
+        def admitted(kind: type[BaseNode], *parameters: str, home: str = "/ward") -> Patient:
+            given, rules = (*ARGUMENTS.get(kind, []), *parameters), [f"__ns:={home}"]
+            node = ward.enter_context(living(kind, *given, rules=rules))
+            return ward.enter_context(closing(Patient(kind, node)))
 
-    yield admitted
-    for patient in patients:
-        patient.close()
-    rclpy.try_shutdown()
+        yield admitted
 
 
 @pytest.mark.parametrize("kind", NEEDS, ids=lambda kind: kind.executable)

@@ -20,10 +20,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import rclpy
 from conftest import StartProcess
 from geometry_msgs.msg import WrenchStamped
-from peer import Peer, last_torque, peer
+from peer import Peer, last_torque, living, peer
 from process_helpers import ENDLESS, LOCKSTEP, Node, Run, end_all, loop_nodes, pace, plans, until
 from rcl_interfaces.msg import ParameterEvent
 from rosbags.highlevel import AnyReader
@@ -103,12 +102,9 @@ def test_a_plant_that_runs_free_says_which_first_answer_it_waits_for(
 ) -> None:
     clock = [0.0]
     monkeypatch.setattr(SpacecraftPlant, "now", lambda _: clock[0])
-    rclpy.init(args=["--ros-args", "-p", "wait_for_recorder:=true"])
-    plant = SpacecraftPlant()
-    for clock[0] in (0.0, 10.0):
-        plant.wake()
-    plant.destroy_node()
-    rclpy.shutdown()
+    with living(SpacecraftPlant, "wait_for_recorder:=true") as plant:
+        for clock[0] in (0.0, 10.0):
+            plant.wake()
     told = "waiting at t = 0.000 s for torque_command, disturbance/torque; nobody publishes"
     assert told in capfd.readouterr().err
 
@@ -124,27 +120,19 @@ def test_a_plant_that_runs_free_says_which_first_answer_it_waits_for(
 def test_a_plant_that_waits_for_nobody_or_finds_every_command_late_is_refused(
     given: list[str], told: str
 ) -> None:
-    rclpy.init(args=["--ros-args", *(word for each in given for word in ("-p", each))])
-    try:
-        with pytest.raises(ConfigurationError, match=re.escape(told)):
-            SpacecraftPlant()
-    finally:
-        rclpy.shutdown()
+    with pytest.raises(ConfigurationError, match=re.escape(told)), living(SpacecraftPlant, *given):
+        pass
 
 
 def test_a_command_may_be_a_step_old_at_every_rate() -> None:
-    rclpy.init(args=["--ros-args", "-p", "rate:=30.0", "-p", f"command_timeout:={1.0 / 30.0}"])
-    SpacecraftPlant().destroy_node()
-    rclpy.shutdown()
+    with living(SpacecraftPlant, "rate:=30.0", f"command_timeout:={1.0 / 30.0}"):
+        pass
 
 
 def test_a_plant_finds_who_publishes_under_another_name() -> None:
-    rclpy.init(args=["--ros-args", "-r", f"{TORQUE_COMMAND.name}:=command"])
-    plant = SpacecraftPlant()
-    plant.create_publisher(WrenchStamped, "command", 1)
-    until(lambda: plant.is_published(TORQUE_COMMAND.name), "the publisher")
-    plant.destroy_node()
-    rclpy.shutdown()
+    with living(SpacecraftPlant, rules=[f"{TORQUE_COMMAND.name}:=command"]) as plant:
+        plant.create_publisher(WrenchStamped, "command", 1)
+        until(lambda: plant.is_published(TORQUE_COMMAND.name), "the publisher")
 
 
 REFUSED = {

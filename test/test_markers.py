@@ -19,12 +19,12 @@ import sys
 import time
 import types
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
 from typing import Any
 
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from peer import Beside
+from peer import Beside, living
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from visualization_msgs.msg import Marker, MarkerArray
@@ -54,8 +54,8 @@ INPUTS = (ATTITUDE, REFERENCE_ATTITUDE, APPLIED_TORQUE, DISTURBANCE)
 class Scene(Beside):
     """The marker node and a peer that feeds it and collects what it draws."""
 
-    def __init__(self) -> None:
-        super().__init__(AttitudeMarkers(), *INPUTS)
+    def __init__(self, node: AttitudeMarkers) -> None:
+        super().__init__(node, *INPUTS)
         self.drawn: list[MarkerArray] = []
         self.peer.create_subscription(MarkerArray, MARKERS_TOPIC.name, self.drawn.append, 10)
         self.meet()
@@ -80,17 +80,14 @@ class Scene(Beside):
 
 @pytest.fixture
 def make_scene() -> Iterator[Callable[..., Scene]]:
-    scenes: list[Scene] = []
+    with ExitStack() as stack:
 
-    def make(*arguments: str) -> Scene:
-        rclpy.init(args=["--ros-args", *arguments] if arguments else [])
-        scenes.append(Scene())
-        return scenes[-1]
+        def make(*parameters: str, home: str = "/") -> Scene:
+            rules = [f"__ns:={home}"]
+            node = stack.enter_context(living(AttitudeMarkers, *parameters, rules=rules))
+            return stack.enter_context(closing(Scene(node)))
 
-    yield make
-    for scene in scenes:
-        scene.close()
-    rclpy.try_shutdown()
+        yield make
 
 
 def tip(marker: Marker) -> tuple[float, float, float]:
@@ -99,7 +96,7 @@ def tip(marker: Marker) -> tuple[float, float, float]:
 
 
 def test_the_picture_of_one_state(make_scene: Callable[..., Scene]) -> None:
-    scene = make_scene("-p", "position:=[5.0, 0.0, 0.0]", "-p", "torque_scale:=10.0")
+    scene = make_scene("position:=[5.0, 0.0, 0.0]", "torque_scale:=10.0")
     scene.show(REFERENCE_ATTITUDE, (0.0, 0.0, 0.0, 1.0))
     scene.show(APPLIED_TORQUE, (0.05, 0.0, 0.0))
     scene.show(DISTURBANCE, (0.0, 0.0, 0.8))
@@ -207,7 +204,7 @@ def test_no_picture_of_nonsense(make_scene: Callable[..., Scene]) -> None:
 
 def test_a_rate_that_is_set_acts_at_once(make_scene: Callable[..., Scene]) -> None:
     """The old one would keep the next picture waiting."""
-    scene = make_scene("-p", "update_rate:=0.1")
+    scene = make_scene("update_rate:=0.1")
     scene.show(ATTITUDE, QUARTER_TURN)
     scene.arrived(ATTITUDE)
     scene.picture()
@@ -234,7 +231,7 @@ def test_transforms_where_tf2_ros_is_installed(
     stand_in = types.ModuleType("tf2_ros")
     monkeypatch.setattr(stand_in, "TransformBroadcaster", TransformBroadcaster, raising=False)
     monkeypatch.setitem(sys.modules, "tf2_ros", stand_in)
-    scene = make_scene("-r", f"__ns:={namespace}")
+    scene = make_scene(home=namespace)
     scene.show(REFERENCE_ATTITUDE, (1.0, 0.0, 0.0, 0.0))
     scene.arrived(REFERENCE_ATTITUDE)
     scene.show(ATTITUDE, QUARTER_TURN)
