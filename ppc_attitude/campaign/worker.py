@@ -40,7 +40,3 @@ def main() -> int:
             connection.send(answer)
             gc.collect()
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -30,7 +30,7 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 from ppc_attitude.processes.copied import Copy, become, can_copy
 from ppc_attitude.processes.imports import drop_empty_entries
@@ -41,7 +41,6 @@ _KILLED_AFTER = 5.0  # [s] how long a process may take to end when it was killed
 _SPEAKS_WITHIN = 0.5  # [s] a process says where it hangs
 _GLANCE = 0.02  # [s] between two looks at a process that is to end
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
-_Done = TypeVar("_Done")
 Handler: TypeAlias = Callable[[int, FrameType | None], object] | signal.Handlers
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT) + (
     # To who was started by nohup, a terminal that closes is nothing.
@@ -53,12 +52,11 @@ SAY_WHERE = signal.SIGUSR1
 
 
 class Child:
-    """A module of this package as a process of its own.
+    """The `main` of a module of this package as a process of its own.
 
-    It is run as ``python -m`` would, without the current folder on its path (see `start.py`).
-    A request to end is granted at once until the module does otherwise; the kernel sends SIGTERM
-    when the starting thread has ended. A Ctrl-C at the terminal does not reach the process: its
-    starter ends it, in order.
+    The current folder is not on its path (see `start.py`). A request to end is granted at once
+    until the module does otherwise; the kernel sends SIGTERM when the starting thread has ended. A
+    Ctrl-C at the terminal does not reach the process: its starter ends it, in order.
 
     Parameters
     ----------
@@ -75,8 +73,8 @@ class Child:
     hear : callable, optional
         Called by `listen` with each line of its standard error; default that of this process.
     copy : bool, optional
-        True to copy this process, if it can be copied, and have the `main` of the module called
-        there: then what is imported here need not be imported again.
+        True to copy this process, if it can be copied: then what is imported here need not be
+        imported again.
     """
 
     def __init__(
@@ -103,8 +101,7 @@ class Child:
         try:
             if copy and can_copy():
                 streams = (1 if stdout is None else stdout, 2 if errors is None else errors)
-                run = partial(_main_of, module, *arguments)
-                work = partial(begin, os.getpid(), theirs, run)
+                work = partial(begin, os.getpid(), theirs, module, *arguments)
                 self.process = Copy(partial(become, work, module, streams, kept, safe))
             else:
                 self.process = subprocess.Popen(
@@ -193,8 +190,8 @@ class _Lines:
         return bool(data)
 
 
-def begin(parent: int, pipe: int, run: Callable[[], _Done]) -> _Done:
-    """Run something as the child of a process, from its first line on.
+def begin(parent: int, pipe: int, module: str, *arguments: str) -> int:
+    """Run the `main` of a module as the child of a process, and return its exit code.
 
     The kernel sends SIGTERM when that parent ends, however that happens. The pipe is the file
     descriptor through which it is told (see `telling`).
@@ -207,17 +204,12 @@ def begin(parent: int, pipe: int, run: Callable[[], _Done]) -> _Done:
     faulthandler.register(SAY_WHERE)
     end_at_once()
     gc.disable()  # what is imported stays; to look through it again and again took 60 ms
+    sys.argv[:] = [module, *arguments]
     try:
-        return run()
+        code: int = import_module(module).main()
     except Exception as error:
         tell_broken(f"{type(error).__name__}: {error}")
         raise
-
-
-def _main_of(module: str, *arguments: str) -> int:
-    """Run the `main` of a module in this process, as if it had been started so."""
-    sys.argv[:] = [module, *arguments]
-    code: int = import_module(module).main()
     return code
 
 

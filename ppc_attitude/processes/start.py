@@ -14,20 +14,18 @@
 
 """The script that every process we start begins with: ``start.py PARENT PIPE MODULE ARGUMENT…``.
 
-It does what ``python -m MODULE ARGUMENT…`` does, without the folder in which the user stands on the
-path: a `yaml.py` there would be executed. Python has an option for this from 3.11 on; -I, which
-3.10 has, would drop the PYTHONPATH too, and ROS needs that.
+It calls the `main` of the module. ``python -m`` would put the folder in which the user stands on
+the path, and a `yaml.py` there would be executed. Python has an option for this from 3.11 on; -I,
+which 3.10 has, would drop the PYTHONPATH too, and ROS needs that.
 """
 
-import runpy
 import sys
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 
 
 def _main() -> None:
-    parent, pipe, *sys.argv[:] = sys.argv[1:]
+    parent, pipe, *call = sys.argv[1:]
     # Python has put the folder of this script first on the path, unless it was told not to.
     here = Path(__file__).resolve().parent
     sys.path[:] = [folder for folder in sys.path if folder != str(here)]
@@ -38,8 +36,7 @@ def _main() -> None:
     imports = import_module("ppc_attitude.processes.imports")
     sys.path.remove(root)
     imports.prepare_imports()
-    run = partial(runpy.run_module, sys.argv[0], run_name="__main__", alter_sys=True)
-    child.begin(int(parent), int(pipe), run)
+    sys.exit(child.begin(int(parent), int(pipe), *call))
 
 
 if __name__ == "__main__":
