@@ -22,7 +22,7 @@ from itertools import chain
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from process_helpers import PATIENCE, until
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
@@ -35,6 +35,7 @@ from ppc_attitude.contract.topics import APPLIED_TORQUE, DIAGNOSTICS_TOPIC, TORQ
 from ppc_attitude.nodes.executors import new_executor
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.qos import published
+from ppc_attitude.science.stamps import stamp_of
 
 _ASK_AGAIN = 10.0  # [s]
 _QOS = QoSProfile(
@@ -250,3 +251,58 @@ class Beside:
         self.executor.shutdown()
         self.node.close()
         self.peer.destroy_node()
+
+
+class Patient(Beside):
+    """A node in this process, fed by hand, and what it says on `/diagnostics`."""
+
+    def __init__(self, node: Any, needs: dict[Topic, tuple[float, ...]], *feeds: Topic) -> None:
+        self.passed = 0.0  # [s] of silence that nobody had to wait for
+        node.now = lambda: time.monotonic() + self.passed
+        self.needs = needs
+        self.said: list[DiagnosticStatus] = []
+        self.stamps: list[float] = []  # [s]
+        super().__init__(node, *needs, *feeds)
+        self.peer.create_subscription(DiagnosticArray, DIAGNOSTICS_TOPIC.name, self._hear, 100)
+        self.meet()
+        self.until(self._is_heard)
+
+    def _hear(self, message: DiagnosticArray) -> None:
+        self.said += message.status
+        self.stamps.append(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
+
+    def _is_heard(self) -> bool:
+        """True once a report has come; a node of which nothing is heard makes one by and by."""
+        self.passed += 0.1
+        return bool(self.said)
+
+    def spin(self) -> None:
+        super().spin()
+        if not self.node.finished:
+            self.node.wake()
+
+    def give(self, values: dict[Topic, tuple[float, ...]], step: int = 0) -> None:
+        for topic, numbers in values.items():
+            self.send(topic, stamp_of(step, 100.0), numbers)
+
+    def feed(self, step: int = 0, **changed: tuple[float, ...]) -> None:
+        """Give the node all that it needs, some of it other than usual."""
+        self.give({t: changed.get(t.column, v) for t, v in self.needs.items()}, step)
+
+    def starve(self) -> None:
+        """Let a silence pass, without waiting for it."""
+        self.passed += 10.0
+        self.said.clear()
+
+    def says(self, level: bytes, text: str = "") -> dict[str, str]:
+        """Wait for a report of this level with this text; return its values."""
+
+        def found() -> list[DiagnosticStatus]:
+            return [each for each in self.said if each.level == level and text in each.message]
+
+        self.until(lambda: bool(found()))
+        status = found()[0]
+        name = self.node.get_fully_qualified_name()
+        assert status.name == f"{name.lstrip('/')}: status"
+        assert status.hardware_id == name
+        return {entry.key: entry.value for entry in status.values}

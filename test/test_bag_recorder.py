@@ -14,6 +14,7 @@
 
 """The recorder beside others: what they offer, what it asks them, and what they ask it."""
 
+import json
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,6 +22,7 @@ from pathlib import Path
 
 import pytest
 import rclpy
+import yaml
 from conftest import StartProcess
 from peer import Beside, living, peer
 from process_helpers import Node, end_all, until
@@ -39,7 +41,7 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.nodes.bag_recorder import BagRecorder
 from ppc_attitude.nodes.messages import message_class, take_gathered
-from ppc_attitude.processes.exits import DONE
+from ppc_attitude.processes.exits import BROKEN, DONE
 from ppc_attitude.science.stamps import stamp_of
 
 UNIT = (0.0, 0.0, 0.0, 1.0)
@@ -158,6 +160,30 @@ def test_a_node_that_is_started_again_is_asked_again(
     told = {(change.stamp_ns, change.name, change.value) for change in record.changes}
     begun = {(stamp_of(step, 100.0), "enabled", True) for step in (2, 3)}
     assert told == {(stamp_of(2, 100.0), "k", 3.0), *begun}
+
+
+def test_a_recorder_that_was_told_the_law_knows_which_of_its_columns_never_came(
+    tmp_path: Path,
+) -> None:
+    told = json.dumps({"samples": {CONTROLLER: ["control/attitude_error"]}})
+    with recorder_into(tmp_path / "bag", f"run_info:='{told}'") as beside:
+        for step in range(3):
+            beside.send(ATTITUDE, stamp_of(step, 100.0), UNIT)
+        beside.node.drain(beside.executor)
+    assert "control/attitude_error never came" in beside.node.failure
+    assert beside.node.exit_code == BROKEN
+
+
+def test_a_recorder_counts_the_messages_of_its_bag_however_it_took_them(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with recorder_into(bag := tmp_path / "bag") as beside:
+        for step in range(3):
+            beside.send(ATTITUDE, stamp_of(step, 100.0), UNIT)
+        beside.node.drain(beside.executor)
+    written = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    said = f"closed {bag}: {written['message_count']} messages, none missing of the topics that ev"
+    assert said in capfd.readouterr().err  # nobody told it what the law sends besides
 
 
 @pytest.mark.slow

@@ -17,7 +17,6 @@
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -251,16 +250,6 @@ def test_range_and_domain_of_the_user_are_kept(monkeypatch: pytest.MonkeyPatch) 
     assert (made[RANGE], made[DOMAIN]) == ("SYSTEM_DEFAULT", "232")
 
 
-@pytest.mark.parametrize("place", [0, 10], ids=["multicast", "unicast alone"])
-def test_a_domain_with_a_participant_is_not_chosen(place: int, ros_domain: int) -> None:
-    taken = ros_domain  # nobody else takes it, or leaves it
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
-        participant.bind(("0.0.0.0", 7400 + 250 * taken + place))  # DDS-RTPS: PB + DG * domain
-        assert taken not in unused_domains()
-        assert all(choose_domain() != taken for _ in range(500))
-    assert taken in unused_domains()
-
-
 def test_where_no_sockets_are_told_any_domain_may_be_chosen(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -302,11 +291,8 @@ def test_the_domain_of_a_node_is_not_chosen(
     try:
         node = Node("somebody")
         assert ros_domain not in unused_domains()
+        assert all(choose_domain() != ros_domain for _ in range(500))
         node.destroy_node()
     finally:
         rclpy.try_shutdown()
     assert ros_domain in unused_domains()
-
-
-def test_the_ports_of_the_last_domain_are_none_that_linux_hands_out() -> None:
-    assert 7400 + 250 * (DOMAINS[-1] + 1) <= 32768  # from there on they are ephemeral

@@ -43,8 +43,7 @@ from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line import stack
 from ppc_attitude.command_line.options import REPORT
 from ppc_attitude.command_line.stack import Stack, StackError
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODES, PLANT, RECORDER
-from ppc_attitude.processes.child import Child
+from ppc_attitude.contract.topics import CONTROLLER, NODES, PLANT, RECORDER
 from ppc_attitude.processes.telling import AT, BROKEN, FINISHED, LINGERS, TIME, WAITING
 from ppc_attitude.simulation.scenario import load
 
@@ -252,22 +251,6 @@ def test_a_run_leaves_nothing_but_its_bag(
     assert record.missing_messages == 0 or name == "SIGKILL"
 
 
-def test_a_node_that_is_slow_to_begin_ends_when_it_is_asked_to(tmp_path: Path) -> None:
-    """Else its starter waits, and kills it: imports took half a minute on a busy machine."""
-    reached = tmp_path / "reached"
-    (tmp_path / "numba.py").write_text(
-        f"import pathlib, time\npathlib.Path({str(reached)!r}).touch()\ntime.sleep(1000.0)\n"
-    )
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
-    child = Child(f"ppc_attitude.nodes.{INJECTOR}", environment=environment)
-    try:
-        until(reached.exists, "the import")
-        child.process.send_signal(signal.SIGINT)
-        assert child.process.wait(PATIENCE) == 0
-    finally:
-        child.kill()
-
-
 def test_a_run_whose_nodes_wait_for_the_processor_is_not_given_up(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -345,32 +328,3 @@ def test_of_several_nodes_that_broke_the_first_is_named() -> None:
     first = min(run.told().items(), key=lambda each: each[1][AT])
     assert str(error.value) == f"{first[0]} ended with exit code 2: {first[1][BROKEN]}"
     assert "no parameter no_such" in str(error.value)
-
-
-HELD = """
-import ctypes, sys
-from ppc_attitude.nodes import running
-from ppc_attitude.nodes.disturbance_injector import DisturbanceInjector
-from ppc_attitude.processes import leaving
-
-class Held(DisturbanceInjector):
-    def __init__(self):
-        super().__init__()
-        self.finished, self.exit_code = True, 3
-
-    def destroy_node(self):  # as rclpy does it: the middleware is waited for with Python's lock
-        ctypes.PyDLL(None).sleep(600)
-
-leaving._PATIENCE = 2
-with leaving.leaving(7):  # who has left in time lives on
-    pass
-sys.exit(running.run_node(Held, ["node"]))
-"""
-
-
-@pytest.mark.ros
-def test_a_node_that_its_middleware_does_not_let_go_ends_all_the_same() -> None:
-    command = [sys.executable, "-c", HELD]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
-    assert done.returncode == 3, done.stderr
-    assert "in destroy_node" in done.stderr

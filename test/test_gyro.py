@@ -17,10 +17,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from craft_helpers import part_of
 from estimation_helpers import Array, suite
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.kernel import kernel
+from ppc_attitude.science.kinds import SENSORS
 from ppc_attitude.science.noise import normal_pair
 from ppc_attitude.science.sensors.gyro import (
     NOISE,
@@ -31,6 +33,7 @@ from ppc_attitude.science.sensors.gyro import (
     mean_rate,
     walked_bias,
 )
+from ppc_attitude.science.stamps import stamp_of
 
 
 @kernel
@@ -178,3 +181,17 @@ def test_the_noise_of_a_step_is_the_same_whatever_steps_came_before() -> None:
         pairs = [normal_pair(11, step, channel) for channel in (8, 9, 10, 11)]
         expected = [*pairs[0], pairs[1][0], *pairs[2], pairs[3][0]]
         assert np.array_equal(found, expected)
+
+
+def test_a_gyro_that_is_made_coarse_in_flight_is_warned_of_and_that_it_is_over() -> None:
+    rounds = {"gyro.angular_random_walk": 1e-5, "gyro.resolution": 1e-3}
+    part = part_of(SENSORS, "gyro_star_tracker")
+    assert not part.advice.warning
+    said = []
+    for k, given in enumerate((rounds, rounds | {"gyro.resolution": 0.0})):
+        part.configure({**part.component.defaults, "rate": 100.0, **given})
+        part.step(stamp_of(k, 100.0), [0.0, 0.0, 0.0, 1.0, *[0.0] * 3])
+        said.append((part.advices, part.advice.text, part.advice.warning))
+    assert said[0][1].startswith("gyro.resolution is 10 times the noise of a sample: a dead")
+    assert [(number, warning) for number, _, warning in said] == [(1, True), (2, False)]
+    assert said[1][1] == "the gyro's rounding acts as white noise again"

@@ -14,19 +14,15 @@
 
 """What each node says of its health: running, warned, failed or waiting, and by what numbers."""
 
-import json
 import math
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
-from craft_helpers import part_of
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from peer import Beside, living
+from diagnostic_msgs.msg import DiagnosticStatus
+from peer import Patient, living
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
@@ -37,7 +33,6 @@ from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     ATTITUDE,
-    DIAGNOSTICS_TOPIC,
     DISTURBANCE,
     INJECT,
     RECORDED_TOPIC,
@@ -58,7 +53,6 @@ from ppc_attitude.nodes.spacecraft_plant import SpacecraftPlant
 from ppc_attitude.processes.exits import BROKEN
 from ppc_attitude.runtime.health import Health, Status
 from ppc_attitude.science.hooks import Advice
-from ppc_attitude.science.kinds import SENSORS
 from ppc_attitude.science.stamps import stamp_of
 
 OK, WARN, ERROR, STALE = (
@@ -93,61 +87,6 @@ ARGUMENTS = {
 }
 
 
-class Patient(Beside):
-    """A node in this process, fed by hand, and what it says on `/diagnostics`."""
-
-    def __init__(self, kind: type[BaseNode], node: Any) -> None:
-        self.passed = 0.0  # [s] of silence that nobody had to wait for
-        node.now = lambda: time.monotonic() + self.passed
-        self.kind = kind
-        self.said: list[DiagnosticStatus] = []
-        self.stamps: list[float] = []  # [s]
-        super().__init__(node, *NEEDS[kind][0], *([INJECT] if kind is DisturbanceInjector else []))
-        self.peer.create_subscription(DiagnosticArray, DIAGNOSTICS_TOPIC.name, self._hear, 100)
-        self.meet()
-        self.until(self._is_heard)
-
-    def _hear(self, message: DiagnosticArray) -> None:
-        self.said += message.status
-        self.stamps.append(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
-
-    def _is_heard(self) -> bool:
-        """True once a report has come; a node of which nothing is heard makes one by and by."""
-        self.passed += 0.1
-        return bool(self.said)
-
-    def spin(self) -> None:
-        super().spin()
-        if not self.node.finished:
-            self.node.wake()
-
-    def give(self, values: dict[Topic, tuple[float, ...]], step: int = 0) -> None:
-        for topic, numbers in values.items():
-            self.send(topic, stamp_of(step, 100.0), numbers)
-
-    def feed(self, step: int = 0, **changed: tuple[float, ...]) -> None:
-        needs = {t: changed.get(t.column, v) for t, v in NEEDS[self.kind][0].items()}
-        self.give(needs, step)
-
-    def starve(self) -> None:
-        """Let a silence pass, without waiting for it."""
-        self.passed += 10.0
-        self.said.clear()
-
-    def says(self, level: bytes, text: str = "") -> dict[str, str]:
-        """Wait for a report of this level with this text; return its values."""
-
-        def found() -> list[DiagnosticStatus]:
-            return [each for each in self.said if each.level == level and text in each.message]
-
-        self.until(lambda: bool(found()))
-        status = found()[0]
-        name = self.node.get_fully_qualified_name()
-        assert status.name == f"{name.lstrip('/')}: status"
-        assert status.hardware_id == name
-        return {entry.key: entry.value for entry in status.values}
-
-
 @pytest.fixture
 def admit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Patient]]:
     monkeypatch.chdir(tmp_path)
@@ -156,7 +95,8 @@ def admit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[
         def admitted(kind: type[BaseNode], *parameters: str, home: str = "/ward") -> Patient:
             given, rules = (*ARGUMENTS.get(kind, []), *parameters), [f"__ns:={home}"]
             node = ward.enter_context(living(kind, *given, rules=rules))
-            return ward.enter_context(closing(Patient(kind, node)))
+            feeds = [INJECT] if kind is DisturbanceInjector else []
+            return ward.enter_context(closing(Patient(node, NEEDS[kind][0], *feeds)))
 
         yield admitted
 
@@ -385,20 +325,6 @@ def test_a_plant_goes_on_after_bytes_that_tell_no_progress(admit: Callable[..., 
     patient.says(WARN, "refused 1")
 
 
-def test_a_gyro_that_is_made_coarse_in_flight_is_warned_of_and_that_it_is_over() -> None:
-    rounds = {"gyro.angular_random_walk": 1e-5, "gyro.resolution": 1e-3}
-    part = part_of(SENSORS, "gyro_star_tracker")
-    assert not part.advice.warning
-    said = []
-    for k, given in enumerate((rounds, rounds | {"gyro.resolution": 0.0})):
-        part.configure({**part.component.defaults, "rate": 100.0, **given})
-        part.step(stamp_of(k, 100.0), [*UNIT, *ZERO])
-        said.append((part.advices, part.advice.text, part.advice.warning))
-    assert said[0][1].startswith("gyro.resolution is 10 times the noise of a sample: a dead")
-    assert [(number, warning) for number, _, warning in said] == [(1, True), (2, False)]
-    assert said[1][1] == "the gyro's rounding acts as white noise again"
-
-
 def test_a_disabled_controller_says_so_and_blames_no_disturbance(
     admit: Callable[..., Patient], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -429,13 +355,6 @@ def test_the_injector_counts_what_it_takes_and_warns_of_what_it_refuses(
     assert values[f"refused {INJECT.name}"] == "1"
 
 
-def test_a_free_plant_without_commands_warns(admit: Callable[..., Patient]) -> None:
-    patient = admit(SpacecraftPlant, "lockstep:=false", "command_timeout:=0.05")
-    values = patient.says(WARN, "no torque_command: zero torque")
-    assert values["mode"] == "free-running"
-    assert int(values["late commands"]) >= 5
-
-
 def test_a_plant_that_diverges_says_so_before_it_ends(admit: Callable[..., Patient]) -> None:
     light = "inertia:=[1e-3, 0.0, 0.0, 0.0, 1e-3, 0.0, 0.0, 0.0, 1e-3]"
     patient = admit(SpacecraftPlant, "max_torque:=1e6", light)
@@ -443,35 +362,6 @@ def test_a_plant_that_diverges_says_so_before_it_ends(admit: Callable[..., Patie
     patient.says(ERROR, "diverged")
     assert patient.node.finished
     assert patient.node.exit_code == BROKEN
-
-
-def test_a_recorder_that_was_told_the_law_knows_which_of_its_columns_never_came(
-    admit: Callable[..., Patient],
-) -> None:
-    sent = [topic.name for topic in INSTANT]
-    told = {"samples": {"ppc_controller": ["control/attitude_error"], "others": sent}}
-    patient = admit(BagRecorder, f"run_info:='{json.dumps(told)}'")
-    for step in range(3):
-        patient.feed(step)
-    patient.says(OK, "recording")
-    patient.node.drain(patient.executor)
-    patient.node.close()
-    assert "control/attitude_error never came" in patient.node.failure
-    assert patient.node.exit_code == BROKEN
-
-
-def test_a_recorder_counts_the_messages_of_its_bag_however_it_took_them(
-    admit: Callable[..., Patient], capfd: pytest.CaptureFixture[str]
-) -> None:
-    patient = admit(BagRecorder)
-    for step in range(3):
-        patient.feed(step)
-    patient.says(OK, "recording")
-    patient.node.drain(patient.executor)
-    patient.node.close()
-    written = yaml.safe_load(Path("bag/metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    said = f"closed bag: {written['message_count']} messages, none missing of the topics that every"
-    assert said in capfd.readouterr().err  # nobody told it what the law sends besides
 
 
 def test_a_recorder_that_cannot_write_says_so_before_it_ends(

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Processes execute nothing from the folder where the user stands, and tell why they break off."""
+"""Processes execute nothing of where the user stands, tell why they break off, and end."""
 
 import json
 import os
@@ -320,6 +320,22 @@ def test_all_that_a_process_says_is_heard_and_nothing_stays_open(tmp_path: Path)
     assert len(list(files.iterdir())) <= before  # what others had open may be closed meanwhile
 
 
+def test_a_node_that_is_slow_to_begin_ends_when_it_is_asked_to(tmp_path: Path) -> None:
+    """Else its starter waits, and kills it: imports took half a minute on a busy machine."""
+    reached = tmp_path / "reached"
+    (tmp_path / "numba.py").write_text(
+        f"import pathlib, time\npathlib.Path({str(reached)!r}).touch()\ntime.sleep(1000.0)\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    child = Child(f"ppc_attitude.nodes.{INJECTOR}", environment=environment)
+    try:
+        until(reached.exists, "the import")
+        child.process.send_signal(signal.SIGINT)
+        assert child.process.wait(PATIENCE) == 0
+    finally:
+        child.kill()
+
+
 def test_waiting_for_the_processor_is_no_reason_to_be_given_up(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -349,3 +365,32 @@ def test_two_threads_may_look_for_the_end_of_a_copy() -> None:
     copy = Copy(lambda: os._exit(7))
     os.waitpid(copy.pid, 0)  # as another thread, which asks at the same time
     assert copy.poll() is None
+
+
+HELD = """
+import ctypes, sys
+from ppc_attitude.nodes import running
+from ppc_attitude.nodes.disturbance_injector import DisturbanceInjector
+from ppc_attitude.processes import leaving
+
+class Held(DisturbanceInjector):
+    def __init__(self):
+        super().__init__()
+        self.finished, self.exit_code = True, 3
+
+    def destroy_node(self):  # as rclpy does it: the middleware is waited for with Python's lock
+        ctypes.PyDLL(None).sleep(600)
+
+leaving._PATIENCE = 2
+with leaving.leaving(7):  # who has left in time lives on
+    pass
+sys.exit(running.run_node(Held, ["node"]))
+"""
+
+
+@pytest.mark.ros
+def test_a_node_that_its_middleware_does_not_let_go_ends_all_the_same() -> None:
+    command = [sys.executable, "-c", HELD]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 3, done.stderr
+    assert "in destroy_node" in done.stderr
