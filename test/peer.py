@@ -43,6 +43,23 @@ _QOS = QoSProfile(
 )
 
 
+def call(node: Node, kind: Any, name: str, request: Any, wait: Callable[..., Any]) -> Any:
+    """Answer of a service; `wait` is `until` for who lets the node work meanwhile."""
+    client = node.create_client(kind, name)
+    wait(client.service_is_ready, f"service {name}")
+    begin, asked = time.monotonic(), list[Any]()
+
+    def answer() -> Any:
+        # A server that has not found the client within 0.1 s drops its answer: ask again.
+        if time.monotonic() > len(asked) * _ASK_AGAIN + begin:
+            asked.append(client.call_async(request))
+        return next((future for future in asked if future.done()), None)
+
+    future = wait(answer, f"answer of {name}")
+    node.destroy_client(client)
+    return future.result()
+
+
 class Peer:
     """Talks to a stack in this test's domain."""
 
@@ -139,20 +156,7 @@ class Peer:
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         """Call a service."""
-        client = self.node.create_client(kind, name)
-        self.until(client.service_is_ready, f"service {name}")
-        asked = []
-
-        def answer() -> Any:
-            # A server that has not found the client within 0.1 s drops its answer: ask again.
-            if time.monotonic() > len(asked) * _ASK_AGAIN + begin:
-                asked.append(client.call_async(request))
-            return next((future for future in asked if future.done()), None)
-
-        begin = time.monotonic()
-        future = self.until(answer, f"answer of {name}")
-        self.node.destroy_client(client)
-        return future.result()
+        return call(self.node, kind, name, request, self.until)
 
     def set_parameter(self, node: str, name: str, value: Any) -> Any:
         """Set one parameter of a node; return what it answers."""
@@ -233,16 +237,12 @@ class Beside:
         """Let both take what has come."""
         self.executor.spin_once(timeout_sec=0.01)
 
-    def until(self, condition: Callable[[], Any]) -> None:
-        until(condition, "an answer", meanwhile=self.spin)
+    def until(self, condition: Callable[[], Any], what: str = "an answer") -> Any:
+        return until(condition, what, meanwhile=self.spin)
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         """Call a service."""
-        client = self.peer.create_client(kind, name)
-        self.until(client.service_is_ready)
-        future = client.call_async(request)
-        self.until(future.done)
-        return future.result()
+        return call(self.peer, kind, name, request, self.until)
 
     def send(self, topic: Topic, stamp_ns: int, values: Sequence[float]) -> None:
         self.publishers[topic].publish(Codec(topic).encode(stamp_ns, values))

@@ -137,22 +137,11 @@ def test_a_plant_finds_who_publishes_under_another_name() -> None:
 
 REFUSED = {
     "out of range": (CONTROLLER, "k", -1.0, "k = -1.0; allowed: finite, > 0"),
-    "not finite": (PLANT, "max_torque", float("nan"), "max_torque = nan N·m; allowed"),
-    "wrong type": (CONTROLLER, "k", "three", "k = 'three'; allowed: finite, > 0"),
-    "wrong length": (PLANT, "inertia", [1.0, 2.0], "inertia = [1.0, 2.0] has 2 values"),
-    "no inertia": (CONTROLLER, "inertia", [-1.0, *[0.0] * 3, 1.0, *[0.0] * 3, 1.0], "positive"),
     "infeasible": (CONTROLLER, "rate_envelope.exponential_terminal", 1e-9, "rate_envelope"),
     "at start only": (PLANT, "rate", 50.0, "rate"),
     "unknown": (INJECTOR, "enviroment", True, "did you mean environment?"),
     "no such part": (PLANT, "faults", ["wheel/7 seized"], "this craft has no part wheel/7"),
-    "no fault": (PLANT, "faults", ["actuator/x stuck"], "stuck has 0 numbers; allowed: 1 in N·m"),
-    "truth not sent": (
-        PLANT,
-        "faults",
-        ["sensor/rate frozen"],
-        "select send_truth = true at start",
-    ),
-    "truth not sent either": (PLANT, "rate_noise", 1e-6, "select send_truth = true at start"),
+    "truth not sent": (PLANT, "rate_noise", 1e-6, "select send_truth = true at start"),
     "not together": (INJECTOR, "pulse_times", [1.0, 2.0], "pulse"),
 }
 

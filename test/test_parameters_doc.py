@@ -16,15 +16,15 @@
 
 import re
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
 import yaml
 from craft_helpers import ROOT
-from peer import node_apart
-from process_helpers import PATIENCE, node_here, serving
+from peer import call, node_apart
+from process_helpers import node_here, serving, until
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import (
     DescribeParameters,
@@ -108,24 +108,22 @@ def test_the_papers_file_is_complete() -> None:
                 assert paper[node][parameter.name] == parameter.default, (node, parameter.name)
 
 
-def call(asker: Node, node: str, service: Any, name: str, request: Any) -> Any:
+def ask(asker: Node, node: str, service: Any, name: str, request: Any) -> Any:
     """Answer of one of a node's parameter services."""
-    client = asker.create_client(service, f"{node}/{name}")
-    assert client.wait_for_service(PATIENCE), f"{node} does not answer"
-    future = client.call_async(request)
-    rclpy.spin_until_future_complete(
-        asker, future, SingleThreadedExecutor(context=asker.context), timeout_sec=PATIENCE
-    )
-    assert future.done()
-    return future.result()
+    executor = SingleThreadedExecutor(context=asker.context)
+    executor.add_node(asker)
+    wait = partial(until, meanwhile=partial(executor.spin_once, timeout_sec=0.01))
+    answer = call(asker, service, f"{node}/{name}", request, wait)
+    executor.shutdown()
+    return answer
 
 
 def dumped(asker: Node, node: str) -> dict[str, Any]:
     """What `ros2 param dump NODE` writes, by the same two services."""
-    listed = call(asker, node, ListParameters, "list_parameters", ListParameters.Request())
+    listed = ask(asker, node, ListParameters, "list_parameters", ListParameters.Request())
     names = sorted(listed.result.names)
     request = GetParameters.Request(names=names)
-    values = call(asker, node, GetParameters, "get_parameters", request).values
+    values = ask(asker, node, GetParameters, "get_parameters", request).values
     tree: dict[str, Any] = {}
     for name, value in zip(names, values, strict=True):
         *groups, last = name.split(".")
@@ -141,7 +139,7 @@ def assert_described(asker: Node, full_name: str) -> None:
     """`ros2 param describe` tells of every parameter what is declared."""
     table = {parameter.name: parameter for parameter in PARAMETERS[full_name.rpartition("/")[2]]}
     request = DescribeParameters.Request(names=list(table))
-    answer = call(asker, full_name, DescribeParameters, "describe_parameters", request)
+    answer = ask(asker, full_name, DescribeParameters, "describe_parameters", request)
     for described in answer.descriptors:
         declared = table.pop(described.name)
         unit = f" [{declared.unit}]" if declared.unit else ""
@@ -199,7 +197,7 @@ def loaded(asker: Node, node: str, file: Path) -> dict[str, str]:
     """What `ros2 param load` does, by the same function of rclpy: why each name was refused."""
     parameters = list(parameter_dict_from_yaml_file(str(file)).values())
     request = SetParameters.Request(parameters=parameters)
-    results = call(asker, f"/{node}", SetParameters, "set_parameters", request).results
+    results = ask(asker, f"/{node}", SetParameters, "set_parameters", request).results
     names = [each.name for each in parameters]
     return {n: each.reason for n, each in zip(names, results, strict=True) if not each.successful}
 
@@ -279,7 +277,7 @@ def test_a_type_that_ros_does_not_have_and_an_unknown_name_are_refused_by_name(
                 (SetParameters, "set_parameters"),
                 (SetParametersAtomically, "set_parameters_atomically"),
             ):
-                answer = call(asker, f"/{PLANT}", kind, service, kind.Request(parameters=strange))
+                answer = ask(asker, f"/{PLANT}", kind, service, kind.Request(parameters=strange))
                 (each,) = answer.results if kind is SetParameters else [answer.result]
                 assert not each.successful
                 assert each.reason.startswith(reason)
