@@ -113,43 +113,11 @@ def choose(tmp_path: Path, node: str, values: str, name: str = "own.yaml") -> No
     (tmp_path / name).write_text(f"{node}: {{ros__parameters: {{{values}}}}}\n")
 
 
-COMPARE = """
-import sys
-from contextlib import redirect_stdout
-from io import StringIO
-import numpy as np
-from matplotlib.figure import Figure
-from ppc_attitude.analysis.metrics import Verdict
-from ppc_attitude.bags.reader import read_run
-from ppc_attitude.command_line.main import main
-from ppc_attitude.simulation.closed_loop import simulate
-from ppc_attitude.simulation.scenario import load
-bag, *configs = sys.argv[1:]
-recorded, computed = read_run(bag), simulate(load(configs), 2.0)
-assert not recorded.missing, recorded.missing
-assert not recorded.warnings, recorded.warnings
-assert set(recorded.columns) == set(computed.columns), set(recorded.columns) ^ set(computed.columns)
-for name, column in computed.columns.items():
-    assert recorded[name].tobytes() == column.tobytes(), name
-print(*computed.columns)
-hits = Verdict(recorded).to_json()["metrics"]["disturbances"]
-assert [each["torque"] for each in hits] == [[0.0, 0.03, 0.0]], hits
-told = StringIO()
-with redirect_stdout(told):
-    assert main(["check", *(f"--config={each}" for each in configs)]) == 0
-    assert "torque authority  0.05 > 0.012 N" in told.getvalue(), told.getvalue()
-    assert "room  0.05 ≤ 0.05 N·m  holds" in told.getvalue(), told.getvalue()
-    Figure.savefig = lambda *_, **__: None  # that it draws is another test's
-    main(["analyse", bag, "--report", "report.html"])
-sys.exit(main(["replay", bag, "--json"]))
-"""
-
-
 @pytest.mark.ros
 @pytest.mark.slow
 def test_parts_from_outside_go_all_the_way(run_outside: Run, tmp_path: Path) -> None:
     run_outside(*f"run {CONFIGS} --duration 2 --bag bag".split())
-    told = run_outside("bag", *FILES, script=COMPARE).stdout
+    told = run_outside("bag", *FILES, script=(OUTSIDE / "compare.py").read_text()).stdout
     columns, _, replay = told.partition("\n")
     assert set(columns.split()) >= OWN
     replayed = json.loads(replay)
