@@ -43,10 +43,9 @@ from ppc_attitude.contract.topics import (
     REFERENCE_RATE,
     Topic,
 )
-from ppc_attitude.nodes.goto import Answer, _all_listen, go_to
+from ppc_attitude.nodes.goto import Answer, go_to
 from ppc_attitude.nodes.guidance_desk import ASKED
 from ppc_attitude.nodes.messages import message_class
-from ppc_attitude.nodes.qos import published
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.orders import (
@@ -271,27 +270,6 @@ def test_goto_prints_the_answer_that_is_its_own(
     assert "refused goal_pose: attitude of a goal = [2.0" in refused.text
     assert "is followed: inertial frame" in late.text  # its time has passed: it acts at once
     assert early == Answer("goal_pose acts from t = 10000.000000 s on", followed=True)
-
-
-def test_goto_waits_for_the_one_who_answers_not_for_the_recorder_alone(pilot: Pilot) -> None:
-    """A goal that was sent when only the recorder had been found was never answered."""
-    recorder, reference, sender = (
-        Node(name, namespace="/deputy", use_global_arguments=False) for name in ("a", "b", "goto")
-    )
-
-    def listen(node: Node) -> None:
-        node.create_subscription(PoseStamped, GOAL_POSE.name, lambda _: None, 1)
-
-    listen(recorder)
-    reference.create_publisher(DiagnosticArray, GUIDANCE_STATUS.name, published(GUIDANCE_STATUS))
-    publisher = sender.create_publisher(PoseStamped, GOAL_POSE.name, published(GOAL_POSE))
-    pilot.until(publisher.get_subscription_count)
-    pilot.until(lambda: sender.count_publishers(GUIDANCE_STATUS.name))
-    assert not _all_listen(sender, publisher)
-    listen(reference)
-    pilot.until(lambda: _all_listen(sender, publisher))
-    for node in (recorder, reference, sender):
-        node.destroy_node()
 
 
 def test_a_goal_that_is_asked_for_again_before_it_acts_is_one(pilot: Pilot) -> None:

@@ -130,13 +130,6 @@ def test_the_stamp_of_what_came_last_is_told(kind: type[Pace]) -> None:
     assert any(text.endswith("; the last torque_command has the stamp 0.000 s") for text in said)
 
 
-def test_lockstep_keeps_the_pace_that_is_asked_for() -> None:
-    bench = Bench(Lockstep, factor=2.0)
-    bench.follows(4.0)
-    assert bench.time == pytest.approx(2.0 * 4.0, abs=2.0 * PERIOD)
-    assert bench.shown == steps(len(bench.shown))
-
-
 @pytest.mark.parametrize("kind", [Lockstep, FreeRunning])
 def test_who_is_woken_only_when_it_asks_for_it_keeps_the_pace(kind: type[Pace]) -> None:
     bench = Bench(kind, factor=1.0, waits=True)

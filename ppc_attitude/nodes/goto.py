@@ -29,7 +29,6 @@ from std_msgs.msg import Header
 from ppc_attitude.contract.topics import GOAL_POSE, GUIDANCE_STATUS, REFERENCE
 from ppc_attitude.nodes.guidance_desk import ASKED, pose_asked
 from ppc_attitude.nodes.messages import publisher_of, subscribe
-from ppc_attitude.nodes.publisher_watch import node_of
 from ppc_attitude.nodes.visiting import await_answer
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import REFERENCES
@@ -104,15 +103,13 @@ def go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answe
 
 
 def _all_listen(node: Node, publisher: Publisher) -> bool:
-    """True if all who follow goals would hear one now: one of them answers, another may record."""
+    """True if all who follow goals would hear one now: who is to answer, and who records."""
     following = [
         each
         for each in node.get_subscriptions_info_by_topic(publisher.topic_name)
         if each.qos_profile.durability == DurabilityPolicy.VOLATILE  # others hear no such publisher
     ]
-    listeners = set(map(node_of, following))
-    answerers = set(map(node_of, node.get_publishers_info_by_topic(GUIDANCE_STATUS.name)))
-    return bool(listeners & answerers) and publisher.get_subscription_count() >= len(following)
+    return publisher.get_subscription_count() >= len(following) > 0
 
 
 def _answers(status: DiagnosticStatus, asked: str) -> bool:

@@ -103,19 +103,19 @@ class StampGuard:
     def _accept(self, stamp_ns: int, kind: StampKind) -> StampKind:
         self.last = stamp_ns
         self._candidate = None
-        self._confirmed = 0
         return kind
 
 
 class Instant:
     """Collect the messages of one instant, which has one of each name.
 
-    As many as `depth` incomplete instants are kept: a source may run this far ahead of another.
+    As many as `DEPTH` incomplete instants are kept: a source may run this far ahead of another.
     """
 
-    def __init__(self, names: Iterable[str], depth: int = 100) -> None:
+    DEPTH = 100
+
+    def __init__(self, names: Iterable[str]) -> None:
         self._names = tuple(names)
-        self._depth = depth
         self._parts: dict[int, dict[str, Values]] = {}
         self.dropped = 0
         self.waiting_since = 0.0  # [s] when an instant was complete, or the first message came
@@ -128,7 +128,7 @@ class Instant:
         if len(parts) == len(self._names):
             self._forget_until(stamp_ns)
             return parts
-        if len(self._parts) > self._depth:
+        if len(self._parts) > self.DEPTH:
             # dicts keep insertion order: the first is the one that has waited longest.
             del self._parts[next(iter(self._parts))]
             self.dropped += 1
