@@ -18,7 +18,6 @@ from typing import Any
 from uuid import uuid4
 
 from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ppc_attitude.contract.topics import INJECTOR
@@ -39,17 +38,8 @@ def inject(torque: tuple[float, ...], at: float, duration: float | None, namespa
     TimeoutError
         No injector answered.
     """
-    with visiting("inject", namespace) as node:
-        wishes = {"torque": list(torque), "start": at, "duration": duration}
-        # By its name the injector knows a request that is sent again, and adds the torque once.
-        return _ask(node, {**wishes, "request": uuid4().hex})
-
-
-def _ask(node: Node, wishes: dict[str, object]) -> str:
-    client = node.create_client(SetParametersAtomically, f"{INJECTOR}/inject")
-    name = node.resolve_service_name(f"{INJECTOR}/inject")
-    complaint = f"nobody offers {name}: does a stack run in this domain?"
-    await_answer(node, client.service_is_ready, complaint)
+    # By its name the injector knows a request that is sent again, and adds the torque once.
+    wishes = {"torque": list(torque), "start": at, "duration": duration, "request": uuid4().hex}
     parameters = [
         Parameter(key, value=value).to_parameter_msg()
         for key, value in wishes.items()
@@ -57,14 +47,19 @@ def _ask(node: Node, wishes: dict[str, object]) -> str:
     ]
     request = SetParametersAtomically.Request(parameters=parameters)
     calls: list[Any] = []
-    unknown = "whether the torque acts is not known; disturbance/torque shows it"
-    await_answer(
-        node,
-        lambda: any(each.done() for each in calls),
-        f"{name} did not answer: {unknown}",
-        lambda: calls.append(client.call_async(request)),
-    )
-    result = next(each for each in calls if each.done()).result().result
+    with visiting("inject", namespace) as node:
+        client = node.create_client(SetParametersAtomically, f"{INJECTOR}/inject")
+        name = node.resolve_service_name(f"{INJECTOR}/inject")
+        complaint = f"nobody offers {name}: does a stack run in this domain?"
+        await_answer(node, client.service_is_ready, complaint)
+        unknown = "whether the torque acts is not known; disturbance/torque shows it"
+        await_answer(
+            node,
+            lambda: any(each.done() for each in calls),
+            f"{name} did not answer: {unknown}",
+            lambda: calls.append(client.call_async(request)),
+        )
+        result = next(each for each in calls if each.done()).result().result
     if not result.successful:
         raise ConfigurationError(result.reason)
     return str(result.reason)
