@@ -203,11 +203,10 @@ class GuidanceDesk:
     def _on_hold(self, request: Any, response: Any) -> Any:
         """Answer the service: brake, and stay where that ends."""
         try:
-            response.message = f"holds {self._accept('~/hold', hold_order, 0)}"
-            response.success = True
+            told = f"holds {self._accept('~/hold', hold_order, 0)}"
         except ValueError as reason:
-            response.message = str(reason)
-        return response
+            return Trigger.Response(success=False, message=str(reason))
+        return Trigger.Response(success=True, message=told)
 
 
 def asked(frame: str, attitude: Iterable[float]) -> str:

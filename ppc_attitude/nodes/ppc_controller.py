@@ -67,9 +67,7 @@ class PpcController(ComponentNode):
         else:
             state = "enabled already: goes on" if enabled else "disabled: zero torque"
         self.get_logger().info(state)
-        response.success = True
-        response.message = state
-        return response
+        return SetBool.Response(success=True, message=state)
 
     def details(self) -> dict[str, Any]:
         """Numbers for `/diagnostics`."""

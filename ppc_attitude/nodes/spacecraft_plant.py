@@ -220,10 +220,9 @@ class SpacecraftPlant(BaseNode):
         self.pace.begin(self.now())
         self.tell_again(0)
         self.wake_now()
-        self.get_logger().info("reset: time begins again at zero")
-        response.success = True
-        response.message = "time begins again at zero"
-        return response
+        told = "time begins again at zero"
+        self.get_logger().info(f"reset: {told}")
+        return Trigger.Response(success=True, message=told)
 
     def status(self) -> Status:
         """Waiting, zero torque for lack of commands, faulty, or running."""
