@@ -14,6 +14,7 @@
 
 """Injected torques: from which stamp to which they act, what the injector says, what it refuses."""
 
+import math
 from contextlib import suppress
 
 import numpy as np
@@ -162,6 +163,7 @@ LATER = asked("start", ParameterType.PARAMETER_INTEGER, integer_value=2)
     [
         ([WHOLE, LATER], "(1.0, 0.0, 0.0) N·m acts from t = 2.000000 s to 2.100000 s"),
         ([], "inject: torque = [] has 0 values; allowed: finite, up to ±1e+30, 3 values"),
+        ([asked("torque", 8, double_array_value=[math.nan] * 3)], "inject: torque = nan N·m;"),
         ([GOOD, asked("end", 1)], "inject has no parameter end"),
         ([asked("torque", 77)], "unexpected parameter type 77"),
         ([asked("torque", 9)], "inject: torque = [] has 0 values"),
