@@ -146,7 +146,8 @@ def _read_number(name: str, declared: Any) -> Number:
         low, high = _fields(name, declared, "low", "high")
         _check_order(name, low, high)
         if kind == "log_uniform" and not (low > 0.0 and high / low < math.inf):
-            raise ConfigurationError(f"{name}.low = {low:g}; allowed: > 0 for log_uniform")
+            allowed = "> 0 for log_uniform, and high/low finite"
+            raise ConfigurationError(f"{name}.low = {low:g}; allowed: {allowed}")
         drawn = _log_uniform if kind == "log_uniform" else _uniform
         return Number(low, high, partial(drawn, low, high))
     if kind == "normal":
