@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from ppc_attitude.science.kernel import (
     ZERO,
     Vector,
+    copy,
     cross,
     dot,
     kernel,
@@ -132,7 +133,7 @@ def allocate(t: Vector, wheels: WheelArray) -> tuple[float, int]:
     rank : int
         How many dimensions the wheels span.
     """
-    wheels.given[:] = wheels.lost
+    copy(wheels.given, wheels.lost)
     wheels.torques[:] = 0.0
     rank, direction = _span(wheels)
     heaviest = line = last = (0.0, ZERO)

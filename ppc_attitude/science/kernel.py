@@ -211,14 +211,14 @@ def _pointer(context: Any, address: Any) -> Any:
     return types.voidptr(types.uint64), _pointed
 
 
-def _record(context: Any, pointer: Any, record: Any) -> Any:
-    return record.dtype(pointer, record), _read_as
+def _pointer_of(context: Any, record: Any) -> Any:
+    return types.voidptr(record), _read_as
 
 
 call_step: Any = intrinsic(_call_step)
 """Call the step at an address with the addresses of its four records."""
-record_at: Any = intrinsic(_record)
-"""The record of a dtype that a pointer leads to."""
+pointer_to: Any = intrinsic(_pointer_of)
+"""The pointer that leads to a record."""
 _point: Any = intrinsic(_pointer)
 
 
@@ -265,6 +265,16 @@ def store_quaternion(target: Any, a: Quaternion) -> None:
     target[1] = a[1]
     target[2] = a[2]
     target[3] = a[3]
+
+
+@kernel
+def copy(target: Any, source: Any) -> None:
+    """Write one row of numbers into another of its length.
+
+    Of `target[:] = source` Numba would also compile the text of what it raises for other lengths.
+    """
+    for k in range(len(target)):
+        target[k] = source[k]
 
 
 @kernel

@@ -38,6 +38,7 @@ from ppc_attitude.science.kernel import (
     Vector,
     add,
     apply,
+    copy,
     cross,
     dot,
     kernel,
@@ -241,7 +242,7 @@ def _parts(state: Any, craft: Any, h: float) -> int:
 def _integrate(state: Any, torque: Vector, craft: Any, h: float) -> None:
     """Carry the motion over h [s], torques held: classical Runge-Kutta."""
     motion, between, slopes, total = state.motion, state.between, state.slopes, state.sum
-    between[:] = motion
+    copy(between, motion)
     total[:] = 0.0
     for stage in range(4):
         _slopes(between, state.motor, torque, craft, slopes)
@@ -262,7 +263,7 @@ def move(stamp_ns: int, torque: Vector, state: Any, craft: Any) -> None:
         state.started = 1.0
         store_quaternion(state.motion, quaternion(craft.body.initial_attitude))
         store(state.motion[_RATE:], vector(craft.body.initial_rate))
-        state.motion[_SPEED:BEND] = craft.wheels.initial_speed
+        copy(state.motion[_SPEED:BEND], craft.wheels.initial_speed)
     elif stamp_ns > state.stamp_ns:
         h = seconds(stamp_ns - state.stamp_ns)
         parts = _parts(state, craft, h)
@@ -281,7 +282,7 @@ def tell(state: Any, outputs: Any) -> None:
 @kernel
 def move_with_wheels(inputs: Any, torque: Vector, state: Any, craft: Any, outputs: Any) -> None:
     """Do as `move` with the motor torques of the wheels, and tell the motion with their speeds."""
-    state.motor[:] = inputs.wheel_torque
+    copy(state.motor, inputs.wheel_torque)
     move(inputs.stamp_ns, torque, state, craft)
     tell(state, outputs)
-    outputs.wheel_speed[:] = state.motion[_SPEED:BEND]
+    copy(outputs.wheel_speed, state.motion[_SPEED:BEND])

@@ -24,66 +24,65 @@ import re
 import warnings
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from ctypes import CFUNCTYPE, c_void_p
 from functools import cache
 from inspect import signature
 from math import isfinite, isnan
 from struct import Struct
 from typing import Any, TypeAlias
 
-import numba
 import numpy as np
-from numba import types
+from numba import from_dtype, types
+from numba.core.ccallback import CFunc
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError, NumbaExperimentalFeatureWarning
-from numba.extending import overload
 
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.given import misfit, misfit_text, rules_of
 from ppc_attitude.science.hooks import Advice
-from ppc_attitude.science.kernel import OPTIONS, cache_of, carray, record_at
+from ppc_attitude.science.kernel import OPTIONS, cache_of, carray, pointer_to
 from ppc_attitude.science.stamps import seconds
 
-_SIGNATURE = types.void(types.voidptr, types.voidptr, types.voidptr, types.voidptr)
+_OPTIONS = {**OPTIONS, "boundscheck": False}
 _PACKAGE = __name__.partition(".")[0]
+_call_type: Any = CFUNCTYPE(None, *[c_void_p] * 4)
 _components: dict[str, Component] = {}
 
 Row: TypeAlias = tuple[float, ...]
 
 
-def _step(key: str, inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
-    """Stand for the step of the component of a key in what `entry_point` compiles."""
+@cache
+def _compiled(key: str) -> Any:
+    """Compile the step of the component of a key as a function of four addresses."""
+    component = _components[key]
+    step = kernel_of(component)
+    function = vars(step)["py_func"] if _is_ours(component) else _guarded(component)
+    records = component.input_record, component.state
+    taken = map(from_dtype, (*records, component.configuration, component.output_record))
+    compiled: Any = CFunc(function, (tuple(taken), types.void), {}, _OPTIONS)
+    with cache_of(step.__module__), warnings.catch_warnings():
+        # The outputs of all laws begin alike, so what writes them for one may serve another.
+        warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
+        compiled.enable_caching()
+        # Numba looks a closure up in its cache by the values that it encloses. A kernel is another
+        # object in every process, but a key is the same in all.
+        compiled._cache._index_key = lambda signature, codegen: (key, codegen.magic_tuple())
+        compiled.compile()
+    return compiled
 
 
-@overload(_step, prefer_literal=True, inline="always")
-def _step_of(key: Any, inputs: Any, state: Any, configuration: Any, outputs: Any) -> Any:
-    if not isinstance(key, types.StringLiteral):
-        return None  # Numba tries that where the literal failed; what it tells then is the failure
-    component = _components[key.literal_value]
-    step = component.step
-    reads, remembers = component.input_record, component.state
-    holds, gives = component.configuration, component.output_record
-
-    def call(key: Any, inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
-        step(
-            record_at(inputs, reads),
-            record_at(state, remembers),
-            record_at(configuration, holds),
-            record_at(outputs, gives),
-        )
-
-    if _is_ours(component):
-        return call
-    called, count = numba.njit(error_model="numpy")(call), gives.itemsize // 8
+def _guarded(component: Component) -> Any:
+    step, count = component.step, component.output_record.itemsize // 8
     rules = rules_of(component.outputs)
 
-    def guarded(key: Any, inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    def guarded(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         # An error of a step that is called by its address reaches nobody: Numba prints it, and
         # goes on with the outputs of before. NaN is noticed by every reader, so it stands for an
         # error, and for numbers that no node would take.
-        given = carray(outputs, count, np.float64)
+        given = carray(pointer_to(outputs), count, np.float64)
         try:
-            called(key, inputs, state, configuration, outputs)
+            step(inputs, state, configuration, outputs)
             fits = misfit(given, rules) < 0
         except Exception:
             fits = False
@@ -95,24 +94,6 @@ def _step_of(key: Any, inputs: Any, state: Any, configuration: Any, outputs: Any
 
 def _is_ours(component: Component) -> bool:
     return str(component.step.__module__).partition(".")[0] == _PACKAGE
-
-
-@cache
-def _compiled(key: str) -> Any:
-    """Compile a component's step as a function of four addresses.
-
-    Numba looks a closure up in its cache by the values that it encloses. A kernel is another object
-    in every process, but a key is the same in all. So `run` encloses the key, and `_step` finds the
-    kernel.
-    """
-
-    def run(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
-        _step(key, inputs, state, configuration, outputs)
-
-    with cache_of(_components[key].step.__module__), warnings.catch_warnings():
-        # The outputs of all laws begin alike, so what writes them for one may serve another.
-        warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
-        return numba.cfunc(_SIGNATURE, cache=True, **OPTIONS)(run)
 
 
 def kernel_of(component: Component) -> Any:
@@ -137,7 +118,7 @@ def kernel_of(component: Component) -> Any:
 
 @cache
 def entry_point(component: Component) -> Any:
-    """Compiled step of a component; `address` and `ctypes` are the ways to call it.
+    """Compiled step of a component; `address` is where it takes the addresses of its records.
 
     Raises
     ------
@@ -159,7 +140,7 @@ def entry_point(component: Component) -> Any:
     except ConfigurationError:
         raise
     except Exception as error:  # not all that Numba raises is a NumbaError
-        # The innermost reason; around it stands how `_step` has led there.
+        # The innermost reason; around it stands what has led there.
         told = f"{type(error).__name__}: {error}".rpartition("raised a specific error:")[2]
         reason = re.sub(r"\x1b\[\d+m", "", told.partition("During:")[0]).strip()  # no colours
         raise ConfigurationError(f"component {name}: step cannot be compiled: {reason}") from error
@@ -254,7 +235,7 @@ class Part:
         self.state = np.zeros(1, component.state)
         self.told = 0
         self._entry = entry_point(component)
-        self._call = self._entry.ctypes
+        self._call = _call_type(self._entry.address)
         self.configure(values)
 
     def configure(self, values: Mapping[str, Any]) -> None:

@@ -38,7 +38,7 @@ from ppc_attitude.science.faults import (
     number_of,
 )
 from ppc_attitude.science.hooks import Advice
-from ppc_attitude.science.kernel import add, kernel, scale, store, vector
+from ppc_attitude.science.kernel import add, copy, kernel, scale, store, vector
 from ppc_attitude.science.parameter import filled, record_type
 from ppc_attitude.science.signals import APPLIED_TORQUE, TORQUE_COMMAND
 from ppc_attitude.science.thrusters import (
@@ -107,7 +107,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         state.used = max(craft.fuel, state.used)
     else:
         state.used += burnt
-    outputs.thruster_on_time[:] = state.on_time
+    copy(outputs.thruster_on_time, state.on_time)
     outputs.fuel_used[0] = state.used
     store(outputs.applied_torque, torque)
 

@@ -36,7 +36,7 @@ from ppc_attitude.science.component import MAX_WHEELS, Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import FAULTS, RECORD, How, acting, faults_of, number_of
 from ppc_attitude.science.hooks import Advice
-from ppc_attitude.science.kernel import Vector, add, cross, kernel, scale, vector
+from ppc_attitude.science.kernel import Vector, add, copy, cross, kernel, scale, vector
 from ppc_attitude.science.parameter import RATE, Parameter, record_type
 from ppc_attitude.science.signals import ANGULAR_VELOCITY, TORQUE_COMMAND
 from ppc_attitude.science.stamps import ROUNDING, nanoseconds
@@ -224,7 +224,8 @@ def _look_for_losses(stamp_ns: int, configuration: Any, state: Any) -> None:
     Torques of the others that cancel are those without its part: P − P e eᵀ P / eᵀ P e.
     """
     faults, null = configuration.faults, state.null
-    null[:] = configuration.null
+    for i in range(configuration.wheels.count):
+        copy(null[i], configuration.null[i])
     for i in range(configuration.wheels.count):
         useless = (
             number_of(faults, i, How.EFFECTIVENESS, stamp_ns, 1.0) == 0.0
