@@ -22,6 +22,8 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -40,6 +42,15 @@ _STALLED_AFTER = 30.0  # [s] without a step after which lock-step is given up
 _EVENT = re.compile(r"(\x1b\[\d*m)*\[(INFO|DEBUG)\]")  # how ROS begins such a line
 _NO_MIDDLEWARE = 102  # with which rcl ends the process that loads it, before our first line runs
 _GLANCE = 0.02  # [s] between two looks at the processes
+# What all nodes import and what starts no thread: here once, and each copy of this process has it.
+_SHARED = (
+    "diagnostic_msgs.msg",
+    "geometry_msgs.msg",
+    "rcl_interfaces.srv",
+    "rosidl_generator_py",
+    "std_msgs.msg",
+    "type_description_interfaces.srv",
+)
 # The recorder goes last, when all others have sent their last message.
 _OTHERS = tuple(name for name in OF_A_RUN if name not in (PLANT, RECORDER))
 _STOP_ORDER = ((PLANT,), _OTHERS, (RECORDER,))
@@ -107,6 +118,9 @@ class Stack:
 
     def start(self) -> None:
         """Start every process."""
+        with suppress(ImportError):  # whose business it is says so
+            for module in _SHARED:
+                import_module(module)
         # A file without a name: whatever ends this process, nothing stays behind.
         with tempfile.TemporaryFile() as file:
             file.write(self._parameters.encode())
