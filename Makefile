@@ -92,6 +92,6 @@ $(INSTALLED): setup.py Makefile
 	  "$$chosen" -m venv --clear $${options[@]+"$${options[@]}"} .venv; \
 	fi; \
 	echo "make: installing ppc_attitude[$$extras] (some minutes the first time)"; \
-	.venv/bin/python -m pip install -q --disable-pip-version-check -e ".[$$extras]"; \
+	.venv/bin/python -m pip install -q --disable-pip-version-check --no-compile -e ".[$$extras]"; \
 	.venv/bin/python -m pip uninstall -q -y coverage pytest-cov; \
 	touch $@

@@ -189,7 +189,7 @@ def test_no_worker_begins_without_work_and_progress_counts_up_to_the_end(tmp_pat
 
 
 def test_a_killed_worker_and_the_number_of_workers_change_nothing(tmp_path: Path) -> None:
-    of, runs = small(duration=20.0, rate=100.0), 64
+    of, runs = small(duration=6.0, rate=100.0), 64
     victims: list[int] = []
 
     def kill_one(done: int) -> None:

@@ -77,7 +77,7 @@ def cluster(
 
 
 def test_a_killed_worker_loses_and_doubles_nothing(cluster: Cluster, tmp_path: Path) -> None:
-    of = small(duration=30.0, rate=100.0)
+    of = small(duration=10.0, rate=100.0)
     pids = cluster.client.run(os.getpid)
     killed: list[int] = []
 
