@@ -15,6 +15,7 @@
 import math
 from dataclasses import replace
 
+import mpmath
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -171,6 +172,24 @@ def test_where_the_two_roots_meet_the_joint_is_the_series(below: float) -> None:
     x = 1.0 - p - p**2 / 3.0 - 11.0 / 72.0 * p**3
     # A rounding of r by 1e-16 moves the root by its square root where the two meet.
     assert decay * (t2 - t1) == pytest.approx(x, abs=1e-15 / max(p, 3e-8))
+
+
+@given(tables)
+def test_the_joint_is_where_lamberts_w_puts_it(table: EnvelopeTable) -> None:
+    """l (t2 − t1) = 2 + W(−2 r e⁻²), by a W of 30 digits; of two roots that of the larger t1."""
+    assume(table.terminal < table.initial and table.exponential_terminal < table.initial)
+    assume(is_feasible(table))
+    with mpmath.workdps(30):
+        gap = mpmath.mpf(table.terminal) - mpmath.mpf(table.exponential_terminal)
+        amplitude = mpmath.mpf(table.initial) - mpmath.mpf(table.exponential_terminal)
+        width = mpmath.mpf(table.decay) * mpmath.mpf(table.settling_time)
+        r = gap / amplitude * mpmath.exp(width)
+        x = 2 + mpmath.lambertw(-2 * r * mpmath.exp(-2), -1 if r > 1 else 0).real
+        # (1 − x/2) eˣ = r, so dx = 2 e⁻ˣ/(1 − x) dr; r is rounded in its exponent too.
+        moved = 2.0 * mpmath.exp(-x) / abs(1 - x) * abs(r) * 1e-15 * (1 + width)
+        t1 = max(table.settling_time - x / mpmath.mpf(table.decay), 0)
+    found = solve_envelope("envelope", table).t1
+    assert abs(found - float(t1)) <= float(moved) / table.decay + 1e-14 * table.settling_time
 
 
 @settings(max_examples=300)

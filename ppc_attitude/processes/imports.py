@@ -17,17 +17,24 @@
 Packages that read settings from the folder where the user stands are imported from another one: a
 `matplotlibrc` there could start LaTeX, a `.numba_config.yaml` choose what is compiled, and either
 be a FIFO that never ends. OpenBLAS, which NumPy and SciPy load a copy of each, starts no threads:
-our matrices are small, and its threads took a sixth of the processor time of a node's start.
+our matrices are small, and its threads took a sixth of the processor time of a node's start. Numba
+looks for a BLAS when it begins to work, which imports SciPy for 0.3 s; here it looks for one when
+a kernel first needs it, as Numba does anyway.
 """
 
 import os
 import sys
-from collections.abc import MutableMapping, Sequence
+from collections.abc import Callable, MutableMapping, Sequence
+from functools import partial
+from importlib import import_module
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from types import ModuleType
+from typing import TypeAlias
 
 _CURIOUS = ("matplotlib", "numba")  # read settings from the current folder
+_EARLY = "numba.np.arraymath"  # looks for a BLAS as soon as it is imported
+_Execute: TypeAlias = Callable[[ModuleType], None]
 # An empty entry of these means the current folder: for programs, modules and libraries.
 _SEARCHED = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH")
 
@@ -44,23 +51,34 @@ class _Finder(PathFinder):
         cls, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         """Find one of these packages; leave the others to other finders."""
-        spec = super().find_spec(fullname, path, target) if fullname in _CURIOUS else None
-        if spec is not None and spec.loader is not None:
-            execute = spec.loader.exec_module
-
-            def execute_elsewhere(module: ModuleType) -> None:
-                here = os.open(".", getattr(os, "O_PATH", os.O_RDONLY))
-                try:
-                    os.chdir(os.sep)
-                    execute(module)
-                    if fullname == "numba":  # its compiler would look there again
-                        vars(sys.modules["numba.core.config"])["_config_fname"] = ""
-                finally:
-                    os.fchdir(here)
-                    os.close(here)
-
-            vars(spec.loader)["exec_module"] = execute_elsewhere
+        ours = _execute_elsewhere if fullname in _CURIOUS else None
+        ours = _execute_without_blas if fullname == _EARLY else ours
+        spec = super().find_spec(fullname, path, target) if ours else None
+        if ours and spec is not None and spec.loader is not None:
+            vars(spec.loader)["exec_module"] = partial(ours, spec.loader.exec_module)
         return spec
+
+
+def _execute_elsewhere(execute: _Execute, module: ModuleType) -> None:
+    here = os.open(".", getattr(os, "O_PATH", os.O_RDONLY))
+    try:
+        os.chdir(os.sep)
+        execute(module)
+        if module.__name__ == "numba":  # its compiler would look there again
+            vars(sys.modules["numba.core.config"])["_config_fname"] = ""
+    finally:
+        os.fchdir(here)
+        os.close(here)
+
+
+def _execute_without_blas(execute: _Execute, module: ModuleType) -> None:
+    linalg = vars(import_module("numba.np.linalg"))
+    look = linalg["ensure_blas"]
+    linalg["ensure_blas"] = lambda: None
+    try:
+        execute(module)
+    finally:
+        linalg["ensure_blas"] = vars(module)["ensure_blas"] = look
 
 
 def drop_empty_entries(environment: MutableMapping[str, str]) -> None:
