@@ -121,7 +121,8 @@ class Node(Process):
             arguments += ["-p", parameter]
         for rule in remap:
             arguments += ["-r", rule]
-        command = [sys.executable, "-m", f"ppc_attitude.nodes.{name}", *arguments]
+        code = f"import sys; from ppc_attitude.nodes.executables import {name}; sys.exit({name}())"
+        command = [sys.executable, "-c", code, *arguments]  # as `ros2 run` begins it
         super().__init__(start_process, folder, f"{name}{mark}", command, **popen)
 
 

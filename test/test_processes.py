@@ -70,10 +70,7 @@ CALLS = {
 @pytest.mark.ros
 @pytest.mark.parametrize(
     "call",
-    [
-        each if each in ("run", "campaign") else pytest.param(each, marks=pytest.mark.long)
-        for each in CALLS
-    ],
+    [each if each == "run" else pytest.param(each, marks=pytest.mark.long) for each in CALLS],
 )
 def test_a_command_executes_nothing_of_the_current_folder(
     call: str, trap: Path, start_process: StartProcess
