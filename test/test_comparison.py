@@ -21,7 +21,6 @@ import pytest
 from synthetic import hit_run, normal_run, part_of, with_columns, without_columns
 
 from ppc_attitude.analysis.comparison import (
-    SweptHit,
     angular_velocity_comparison,
     attitude_comparison,
     comparisons_of,
@@ -31,6 +30,7 @@ from ppc_attitude.analysis.comparison import (
 )
 from ppc_attitude.analysis.drawing import BLUE, RED, save
 from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, RATE, Envelope
+from ppc_attitude.analysis.hits import SweptHit
 from ppc_attitude.analysis.measure import Measured
 
 LABELS = ["proposed", "benchmark"]

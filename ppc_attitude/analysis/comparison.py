@@ -17,10 +17,9 @@
 Who draws one raises AnalysisError where a run lacks what it shows; then there is none.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -45,6 +44,7 @@ from ppc_attitude.analysis.drawing import (
 )
 from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope, bound_of
 from ppc_attitude.analysis.faults import faults_of
+from ppc_attitude.analysis.hits import SweptHit
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import PAPER, Requirements
 from ppc_attitude.analysis.run_panels import (
@@ -161,27 +161,6 @@ def _comparisons() -> Iterator[tuple[str, str, _Comparison]]:
         if each.jumps:
             caption = f"{each.name.capitalize()}s in their envelopes, as reported"
             yield f"comparison_{each.error}", caption, partial(error_comparison, envelope=each)
-
-
-class SweptHit(NamedTuple):
-    """A hit of a sweep, and what came of it.
-
-    Attributes
-    ----------
-    duration_s : float
-        How long it lasts, positive.
-    recovery_time_s : float or None
-        None if the run did not recover.
-    outside : mapping of Envelope to float
-        Time outside each envelope that the run has [s].
-    settled : bool
-        True if the run had settled when it came.
-    """
-
-    duration_s: float
-    recovery_time_s: float | None
-    outside: Mapping[Envelope, float]
-    settled: bool
 
 
 def sweep_figure(hits: Sequence[SweptHit], required: Requirements = PAPER) -> Figure:

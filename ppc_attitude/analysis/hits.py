@@ -14,11 +14,13 @@
 
 """The sudden disturbances of a run: those that its external torque shows, and scheduled ones."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from typing import NamedTuple
 
 import numpy as np
 
+from ppc_attitude.analysis.envelopes import Envelope
 from ppc_attitude.analysis.pulses import SMALLEST_STEP, Pulse, find_pulses
 from ppc_attitude.analysis.series import Mask, elapsed, has, step, vectors
 from ppc_attitude.contract.run_record import Array, RunRecord
@@ -26,6 +28,27 @@ from ppc_attitude.contract.topics import DISTURBANCE, INJECTOR
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.kinds import ENVIRONMENTS
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
+
+
+class SweptHit(NamedTuple):
+    """A hit of a sweep, and what came of it.
+
+    Attributes
+    ----------
+    duration_s : float
+        How long it lasts, positive.
+    recovery_time_s : float or None
+        None if the run did not recover.
+    outside : mapping of Envelope to float
+        Time outside each envelope that the run has [s].
+    settled : bool
+        True if the run had settled when it came.
+    """
+
+    duration_s: float
+    recovery_time_s: float | None
+    outside: Mapping[Envelope, float]
+    settled: bool
 
 
 def pulses_of(record: RunRecord, actuator: float) -> tuple[Pulse, ...]:

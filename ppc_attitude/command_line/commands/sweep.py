@@ -18,10 +18,8 @@ import argparse
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ppc_attitude.analysis.comparison import SweptHit, sweep_figure
-from ppc_attitude.analysis.drawing import save
 from ppc_attitude.analysis.envelopes import ATTITUDE, RATE
-from ppc_attitude.analysis.hits import scheduled
+from ppc_attitude.analysis.hits import SweptHit, scheduled
 from ppc_attitude.analysis.measure import Measured, metric_of
 from ppc_attitude.analysis.requirements import Requirements, load_requirements
 from ppc_attitude.analysis.verdict import MET, NOT_JUDGED, NOT_MET
@@ -124,6 +122,9 @@ def execute(arguments: argparse.Namespace) -> int:
     else:
         _print_table(swept, hits, required)
     if arguments.figure:
+        from ppc_attitude.analysis.comparison import sweep_figure
+        from ppc_attitude.analysis.drawing import save
+
         save(sweep_figure(swept, required), arguments.figure)
     return DONE
 
