@@ -168,6 +168,20 @@ _NODE = (
 )
 
 
+def test_a_blas_is_looked_for_when_a_kernel_needs_one() -> None:
+    code = """
+import sys
+from ppc_attitude.processes.imports import prepare_imports
+prepare_imports()
+import numba, numpy
+numba.njit(lambda a: a[0] + 1.0)(numpy.ones(2))
+early = "scipy.linalg" in sys.modules
+print(early, numba.njit(lambda a: numpy.dot(a, a))(numpy.ones((2, 2)))[0, 0])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout == "False 2.0\n", done.stderr
+
+
 @pytest.mark.parametrize("code", [_COMMAND, pytest.param(_NODE, marks=pytest.mark.ros)])
 def test_kernels_that_have_no_place_are_refused_with_the_way_out(tmp_path: Path, code: str) -> None:
     """A package that is installed read-only, and a user without a home."""

@@ -100,20 +100,6 @@ def test_a_compiler_looks_for_no_settings_in_the_current_folder(tmp_path: Path) 
     assert "elsewhere" not in done.stdout
 
 
-def test_a_blas_is_looked_for_when_a_kernel_needs_one() -> None:
-    code = """
-import sys
-from ppc_attitude.processes.imports import prepare_imports
-prepare_imports()
-import numba, numpy
-numba.njit(lambda a: a[0] + 1.0)(numpy.ones(2))
-early = "scipy.linalg" in sys.modules
-print(early, numba.njit(lambda a: numpy.dot(a, a))(numpy.ones((2, 2)))[0, 0])
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.stdout == "False 2.0\n", done.stderr
-
-
 @pytest.mark.parametrize(
     ("command", "entries"),
     [([COMMAND], ":"), ([sys.executable, "-m", "ppc_attitude.command_line.main"], "")],
