@@ -118,7 +118,7 @@ class Stack:
 
     def start(self) -> None:
         """Start every process."""
-        with suppress(ImportError):  # whose business it is says so
+        with suppress(ImportError):  # a node that cannot do without says so
             for module in _SHARED:
                 import_module(module)
         # A file without a name: whatever ends this process, nothing stays behind.

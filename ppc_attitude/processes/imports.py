@@ -32,31 +32,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import TypeAlias
 
-_CURIOUS = ("matplotlib", "numba")  # read settings from the current folder
-_EARLY = "numba.np.arraymath"  # looks for a BLAS as soon as it is imported
 _Execute: TypeAlias = Callable[[ModuleType], None]
 # An empty entry of these means the current folder: for programs, modules and libraries.
 _SEARCHED = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH")
-
-
-def prepare_imports() -> None:
-    """Let this process, and those that it starts, import these packages so."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    sys.meta_path.insert(0, _Finder)
-
-
-class _Finder(PathFinder):
-    @classmethod
-    def find_spec(
-        cls, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
-        """Find one of these packages; leave the others to other finders."""
-        ours = _execute_elsewhere if fullname in _CURIOUS else None
-        ours = _execute_without_blas if fullname == _EARLY else ours
-        spec = super().find_spec(fullname, path, target) if ours else None
-        if ours and spec is not None and spec.loader is not None:
-            vars(spec.loader)["exec_module"] = partial(ours, spec.loader.exec_module)
-        return spec
 
 
 def _execute_elsewhere(execute: _Execute, module: ModuleType) -> None:
@@ -79,6 +57,32 @@ def _execute_without_blas(execute: _Execute, module: ModuleType) -> None:
         execute(module)
     finally:
         linalg["ensure_blas"] = vars(module)["ensure_blas"] = look
+
+
+_EXECUTED: dict[str, Callable[[_Execute, ModuleType], None]] = {
+    "matplotlib": _execute_elsewhere,
+    "numba": _execute_elsewhere,
+    "numba.np.arraymath": _execute_without_blas,
+}
+
+
+def prepare_imports() -> None:
+    """Let this process, and those that it starts, import these packages so."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    sys.meta_path.insert(0, _Finder)
+
+
+class _Finder(PathFinder):
+    @classmethod
+    def find_spec(
+        cls, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Find one of these modules; leave the others to other finders."""
+        ours = _EXECUTED.get(fullname)
+        spec = super().find_spec(fullname, path, target) if ours else None
+        if ours and spec is not None and spec.loader is not None:
+            vars(spec.loader)["exec_module"] = partial(ours, spec.loader.exec_module)
+        return spec
 
 
 def drop_empty_entries(environment: MutableMapping[str, str]) -> None:

@@ -58,9 +58,9 @@ def _compiled(key: str) -> Any:
     component = _components[key]
     step = kernel_of(component)
     function = vars(step)["py_func"] if _is_ours(component) else _guarded(component)
-    records = component.input_record, component.state
-    taken = map(from_dtype, (*records, component.configuration, component.output_record))
-    compiled: Any = CFunc(function, (tuple(taken), types.void), {}, _OPTIONS)
+    read, given = component.input_record, component.output_record
+    taken = tuple(map(from_dtype, (read, component.state, component.configuration, given)))
+    compiled: Any = CFunc(function, (taken, types.void), {}, _OPTIONS)
     with cache_of(step.__module__), warnings.catch_warnings():
         # The outputs of all laws begin alike, so what writes them for one may serve another.
         warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)

@@ -43,8 +43,8 @@ LARGEST_INITIAL = 1e6  # what ρ_e0 may be
 R_LIMIT = math.e / 2.0  # the largest r with a real root
 # Computed tables may sit on the limit up to rounding (terminal = exponential_terminal: r = 0).
 _ROUNDING = 1e-12
-_NO_WIDTH = -40.0  # ln w of what 2 + w is 2
-_NEWTON = 64  # steps: where two roots meet each only halves the error
+_NEGLIGIBLE = -40.0  # e to it adds nothing to 2
+_NEWTON = 64  # steps: where the two roots meet, each only halves the error
 _LARGEST_EXPONENT = 700.0  # e to it is still finite
 
 
@@ -158,18 +158,18 @@ def _width(table: EnvelopeTable) -> float | None:
 def _root(table: EnvelopeTable, r: float) -> float:
     """Smaller positive root x of (1 − x/2) eˣ = r, by Newton's method.
 
-    It is 2 + W(−2 r e⁻²), but SciPy's W is wrong where two roots meet, at e/2, and takes 0.3 s to
-    import.
+    It is 2 + W(−2 r e⁻²), but SciPy's W is wrong where the two roots meet, at r = e/2, and takes
+    0.3 s to import.
     """
-    if r < 0.0:  # w + ln w by the logarithm of what W is of, because r may be beyond any float
+    if r < 0.0:  # r may be beyond any float, so x = 2 + w is found from w + ln w = ln(−2 r e⁻²)
         gap = table.exponential_terminal - table.terminal
         ratio = math.log(2.0 * gap) - math.log(table.initial - table.exponential_terminal)
-        sought = max(ratio + table.decay * table.settling_time - 2.0, _NO_WIDTH)
+        sought = max(ratio + table.decay * table.settling_time - 2.0, _NEGLIGIBLE)
         w = math.exp(min(sought, 0.0)) * max(sought, 1.0)
         for _ in range(_NEWTON):
             w *= (1.0 + sought - math.log(w)) / (1.0 + w)
         return 2.0 + w
-    x = 0.0 if r > 1.0 else 2.0  # on the side from which each step ends before the root
+    x = 0.0 if r > 1.0 else 2.0  # from here no step passes the root
     for _ in range(_NEWTON):
         missing = r * math.exp(-x) - (1.0 - 0.5 * x)
         if missing <= 0.0 or x == 1.0:

@@ -224,7 +224,7 @@ def _look_for_losses(stamp_ns: int, configuration: Any, state: Any) -> None:
     Torques of the others that cancel are those without its part: P − P e eᵀ P / eᵀ P e.
     """
     faults, null = configuration.faults, state.null
-    for i in range(configuration.wheels.count):
+    for i in range(MAX_WHEELS):
         copy(null[i], configuration.null[i])
     for i in range(configuration.wheels.count):
         useless = (
