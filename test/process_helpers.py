@@ -21,7 +21,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
@@ -56,6 +56,15 @@ def until(condition: Callable[[], Any], what: str, meanwhile: Callable[[], objec
         assert time.monotonic() < end, f"waited in vain for {what}"
         meanwhile()
     return result
+
+
+def niceness(pid: int) -> list[int]:
+    """Niceness of the threads of a process that leads a session, and of that session."""
+    threads = [int(thread.name) for thread in Path(f"/proc/{pid}/task").iterdir()]
+    found = {os.getpriority(os.PRIO_PROCESS, thread) for thread in threads}
+    with suppress(OSError):  # the kernel shares the processor among processes alone
+        found.add(int(Path(f"/proc/{pid}/autogroup").read_text().split()[-1]))
+    return sorted(found)
 
 
 class Process:

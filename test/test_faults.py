@@ -31,6 +31,7 @@ from process_helpers import (
     Run,
     alive,
     family,
+    niceness,
     pace,
     pause,
     until,
@@ -78,6 +79,9 @@ def test_a_killed_node_ends_the_run_and_is_named(
     run.reaches(60.0 if name == RECORDER and not mode else 3.0)
     nodes = run.nodes()
     assert nodes.keys() == set(NODES)
+    for node, pid in nodes.items():
+        last = 5 if node == RECORDER and not mode else 0
+        assert niceness(pid) == [last], f"{node} comes last where it is waited for"
     os.kill(nodes[name], signal.SIGKILL)
     fails(run, f"error: {name} was killed by SIGKILL")
     record = read_run(run.bag)

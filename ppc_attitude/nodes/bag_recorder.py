@@ -63,7 +63,7 @@ from ppc_attitude.nodes.publisher_watch import publishing_nodes
 from ppc_attitude.nodes.qos import published, recorded
 from ppc_attitude.nodes.run_graph import ParameterSurvey, RunGraph
 from ppc_attitude.nodes.running import check_name, run_node
-from ppc_attitude.processes.child import give_way
+from ppc_attitude.processes.child import come_last, give_way
 from ppc_attitude.processes.exits import BROKEN
 from ppc_attitude.processes.telling import BAG, tell, tell_broken
 from ppc_attitude.runtime.health import OK, STALE, Status
@@ -129,6 +129,8 @@ class BagRecorder(BaseNode):
             self._follow(full.removesuffix(f"/{ATTITUDE.name}"))
         samples = self._run_info.get("samples", {})
         told = {home: of_namespace(samples, home) for home in self._recordings}
+        if all(self._is_waited_for(home) for home in self._recordings):
+            come_last()
         self._graph = RunGraph(self, told)
         self._survey = None if self._run_info else ParameterSurvey(self, self._graph, self._learn)
         tell(BAG, str(self._path))
@@ -171,6 +173,11 @@ class BagRecorder(BaseNode):
             for key, value in self._custom_data().items():
                 self._writer.set_custom_data(key, value)
         self.get_logger().info(f"the parameters of {full} are on record{since}")
+
+    def _is_waited_for(self, home: str) -> bool:
+        """True if a plant sends no further state while this recorder is behind."""
+        plant = of_namespace(self._run_info.get("parameters", {}), home).get(PLANT, {})
+        return bool(plant.get("lockstep") and plant.get("wait_for_recorder"))
 
     def _custom_data(self) -> dict[str, str]:
         parameters = self._run_info.get("parameters", {})

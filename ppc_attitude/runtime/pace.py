@@ -32,7 +32,7 @@ from ppc_attitude.science.stamps import ROUNDING, seconds, stamp_of, step_of
 _REPEAT_FIRST, _REPEAT_MOST = 0.2, 1.0  # [s] unanswered states are repeated after this
 _REBASE = 0.5  # [s] who is later than this goes on from now instead of catching up
 _LOOK = 0.1  # [s] longest time between two looks at the clock
-_LAG = 2500  # steps that lock-step may be ahead of a recorder; publishers remember twice as many
+_LAG = 500  # steps that lock-step may be ahead of a recorder, which has to search what waits for it
 _LONG = 1.0  # [s] who has waited longer says so
 
 

@@ -35,7 +35,7 @@ from ppc_attitude.science.stamps import seconds
 
 _LEAD = ATTITUDE.name
 _MOST_AHEAD = 200_000  # messages that may wait for their states: what publishers keep, and more
-_EVERY = 500  # states between two reports of how far the record has come
+_EVERY = 100  # states between two reports of how far the record has come
 _REMEMBERED = 50_000  # states: a reader keeps as many messages, which may come after their states
 _JOINS = 2.0  # [s] by the wall clock in which who joins a run may hear others and no state
 _FEW = 10  # instants beyond the last state: a stranger's stamps, or the last answers
