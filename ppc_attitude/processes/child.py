@@ -240,9 +240,10 @@ def come_last() -> None:
     first (sched(7), autogroup), so that a process with a session of its own, as ours have, comes
     after others only if its session does.
     """
-    with contextlib.suppress(OSError):
-        for thread in Path("/proc/self/task").iterdir():
+    for thread in Path("/proc/self/task").glob("*"):
+        with contextlib.suppress(OSError):  # it has ended
             os.setpriority(os.PRIO_PROCESS, int(thread.name), _LAST)
+    with contextlib.suppress(OSError):  # this kernel shares it among processes alone
         if os.getsid(0) == os.getpid():
             Path("/proc/self/autogroup").write_text(str(_LAST), encoding="ascii")
 
