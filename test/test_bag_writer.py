@@ -27,7 +27,7 @@ import pytest
 from bag_helpers import assert_same, messages, record_all
 from conftest import StartProcess
 from process_helpers import until
-from synthetic import SAMPLED, normal_run
+from synthetic import normal_run
 
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.folder import Bag
@@ -86,7 +86,7 @@ def assert_child_wrote(bag: Path, at_least: int) -> int:
     run = read_run(bag)
     steps = np.arange(len(run.stamps_ns))
     np.testing.assert_array_equal(run.stamps_ns, steps * bag_child.STEP_NS)
-    for topic in SAMPLED:
+    for topic in bag_child.TOPICS:
         expected = [bag_child.values(step, topic) for step in steps]
         np.testing.assert_array_equal(run[topic.column], expected)
     assert len(steps) >= at_least
@@ -116,7 +116,7 @@ def test_after_sigkill_all_but_the_last_second_is_there(
     (warning,) = read_run(bag).warnings
     assert warning.startswith("recording was cut: it has no metadata.yaml")
 
-    assert recover(bag).counts.total() >= count * len(SAMPLED)
+    assert recover(bag).counts.total() >= count * len(bag_child.TOPICS)
     assert_child_wrote(bag, count)
     (warning,) = read_run(bag).warnings
     assert warning.startswith("recording was cut: it has no metadata.yaml")
@@ -134,7 +134,7 @@ def test_messages_become_safe_when_nothing_follows_them(
         opened = Bag(bag)
         for _ in opened.blocks():
             pass
-        return opened.counts.total() == bag_child.IDLE_STEPS * len(SAMPLED)
+        return opened.counts.total() == bag_child.IDLE_STEPS * len(bag_child.TOPICS)
 
     until(are_there, "the last messages")
     with pytest.raises(BagError, match=r"is still being recorded"):
