@@ -35,7 +35,7 @@ from bag_helpers import (
 )
 from mcap.records import Footer
 from mcap.stream_reader import StreamReader
-from synthetic import SAMPLED, normal_run
+from synthetic import SAMPLED, normal_run, without_columns
 
 from ppc_attitude.bags import storage
 from ppc_attitude.bags.errors import BagError
@@ -50,7 +50,10 @@ from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.topics import ATTITUDE
 
-RUN = normal_run(duration=1.0)
+# Each form has a topic, and two are the controller's: the metadata of more take longer to read.
+KEPT = {"attitude", "angular_velocity", "torque_command", "attitude_error", "attitude_envelope"}
+WHOLE = normal_run(duration=1.0)
+RUN = without_columns(WHOLE, *(WHOLE.columns.keys() - KEPT))
 STEPS = len(RUN.stamps_ns)
 
 
@@ -97,7 +100,7 @@ def whole(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     """A bag with several chunks."""
     bag = tmp_path_factory.mktemp("whole") / "bag"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(storage, "_CHUNK_BYTES", 2**14)
+        patch.setattr(storage, "_CHUNK_BYTES", 2**13)
         write_run(RUN, bag, storage=request.param)
     return bag
 
@@ -171,9 +174,9 @@ def messages_of(source: Source) -> list[bytes]:
     return [payload for block in source.blocks() for payload in payloads_of(block)]
 
 
-@pytest.mark.parametrize("whole", ["sqlite3"], indirect=True)
-def test_a_slow_reader_does_not_keep_a_recorder_from_writing(tmp_path: Path, whole: Path) -> None:
-    bag = cut_copy(whole, tmp_path / "bag", storage_file(whole).stat().st_size)
+def test_a_slow_reader_does_not_keep_a_recorder_from_writing(tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    write_run(WHOLE, bag, storage="sqlite3")  # more messages than are read at a time
     source = SqliteSource(storage_file(bag), finished=False)
     blocks = source.blocks()
     before = len(payloads_of(next(blocks)))
@@ -196,7 +199,7 @@ def test_flipped_bits_raise_nothing_but_bag_errors(tmp_path: Path, whole: Path) 
     content = storage_file(whole).read_bytes()
     random = Random(2)
     bag = cut_copy(whole, tmp_path / "bag", len(content), with_metadata=True)
-    for _ in range(100):
+    for _ in range(60):
         damaged = bytearray(content)
         for _ in range(random.choice((1, 3, 30))):
             damaged[random.randrange(len(damaged))] ^= 1 << random.randrange(8)
