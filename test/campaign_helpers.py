@@ -14,18 +14,20 @@
 
 """Small campaigns for the tests, and what is in their files."""
 
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
-import pyarrow.parquet as pq
+import pytest
 
 from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.declaration import Campaign, campaign
+from ppc_attitude.campaign.pools import WorkerLostError
 from ppc_attitude.campaign.rows import Outcome, run_chunk
 from ppc_attitude.contract.topics import INJECTOR, PLANT
 from ppc_attitude.simulation.scenario import scenario
 
-RUNS = 40
+RUNS = 24
 VARIES = {
     "initial_attitude": {"distribution": "cone", "angle": 0.3},
     "initial_rate": {"magnitude": {"distribution": "uniform", "low": 0.0, "high": 0.005}},
@@ -45,6 +47,32 @@ def small(duration: float = 3.0, rate: float = 50.0) -> Campaign:
     return campaign(VARIES, scenario(given), 1)
 
 
+class PoolHere:
+    """Computes at once, in this process."""
+
+    slots = 1
+
+    def __init__(self, of: Campaign) -> None:
+        self.of = of
+
+    def submit(self, start: int, stop: int) -> "Future[list[Outcome]]":
+        future: Future[list[Outcome]] = Future()
+        future.set_result(run_chunk(self.of, start, stop))
+        return future
+
+    def lost(self, error: BaseException) -> bool:
+        return isinstance(error, WorkerLostError)
+
+    def check(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def compute_here(patch: pytest.MonkeyPatch) -> None:
+    """Let no worker compute a campaign: each takes two seconds to begin."""
+    patch.setattr("ppc_attitude.campaign.campaign.LocalPool", lambda of, workers: PoolHere(of))
+
+
 def run_one(of: Campaign, index: int) -> Outcome:
     """One run of a campaign."""
     (outcome,) = run_chunk(of, index, index + 1)
@@ -53,6 +81,8 @@ def run_one(of: Campaign, index: int) -> Outcome:
 
 def rows_of(folder: Path) -> list[dict[str, Any]]:
     """Rows of a finished campaign."""
+    import pyarrow.parquet as pq  # who only runs campaigns need not have it
+
     rows: list[dict[str, Any]] = pq.read_table(folder / "runs.parquet").to_pylist()
     return rows
 
@@ -63,5 +93,7 @@ def files_of(folder: Path) -> dict[str, bytes]:
 
 
 def finish(folder: Path) -> Finished:
-    """A campaign of RUNS short runs, done in one process."""
-    return run_campaign(small(), RUNS, folder, workers=1)
+    """A campaign of RUNS short runs, done in this process."""
+    with pytest.MonkeyPatch.context() as patch:
+        compute_here(patch)
+        return run_campaign(small(), RUNS, folder)

@@ -28,7 +28,17 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from campaign_helpers import RUNS, VARIES, files_of, finish, rows_of, run_one, small
+from campaign_helpers import (
+    RUNS,
+    VARIES,
+    PoolHere,
+    compute_here,
+    files_of,
+    finish,
+    rows_of,
+    run_one,
+    small,
+)
 from process_helpers import workers_of
 
 from ppc_attitude.analysis.metrics import Verdict
@@ -175,20 +185,21 @@ def test_error_over_time_counts_every_run_in_every_bin(finished: Finished) -> No
         assert any(each["low"] <= error < each["high"] for each in at_start)
 
 
-def test_no_worker_begins_without_work_and_progress_counts_up_to_the_end(tmp_path: Path) -> None:
-    seen: list[int] = []
-    workers: list[int] = []
+def test_no_worker_begins_without_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = list[int]()
 
-    def look(done: int) -> None:
-        seen.append(done)
-        workers.append(len(workers_of(os.getpid())))
+    def pool(of: Campaign, workers: int) -> PoolHere:
+        asked.append(workers)
+        return PoolHere(of)
 
-    run_campaign(small(), 2, tmp_path / "c", workers=500, progress=look)
-    assert seen == [1, 2]
-    assert 0 < max(workers) <= 2
+    monkeypatch.setattr("ppc_attitude.campaign.campaign.LocalPool", pool)
+    run_campaign(small(), 2, tmp_path / "c", workers=500)
+    assert asked == [2]
 
 
-def test_a_killed_worker_and_the_number_of_workers_change_nothing(tmp_path: Path) -> None:
+def test_a_killed_worker_and_the_number_of_workers_change_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     of, runs = small(duration=6.0, rate=100.0), 64
     victims: list[int] = []
 
@@ -198,34 +209,28 @@ def test_a_killed_worker_and_the_number_of_workers_change_nothing(tmp_path: Path
             os.kill(victims[0], signal.SIGKILL)
 
     run_campaign(of, runs, tmp_path / "hurt", workers=2, progress=kill_one)
-    run_campaign(of, runs, tmp_path / "whole", workers=1)
+    compute_here(monkeypatch)
+    run_campaign(of, runs, tmp_path / "whole")
     assert len(victims) == 1
     assert files_of(tmp_path / "hurt") == files_of(tmp_path / "whole")
 
 
-class FragilePool:
-    """Computes at once, here; a chunk that holds the deadly run loses its worker."""
+class FragilePool(PoolHere):
+    """A chunk that holds the deadly run loses its worker."""
 
     slots = 2
 
     def __init__(self, of: Campaign, deadly: int = -1, fatal: Exception | None = None) -> None:
-        self.of, self.deadly, self.fatal, self.submitted = of, deadly, fatal, 0
+        super().__init__(of)
+        self.deadly, self.fatal, self.submitted = deadly, fatal, 0
 
     def submit(self, start: int, stop: int) -> "Future[list[Outcome]]":
-        future: Future[list[Outcome]] = Future()
         self.submitted += 1
-        if start <= self.deadly < stop:
-            future.set_exception(self.fatal or WorkerLostError("gone"))
-        else:
-            future.set_result(run_chunk(self.of, start, stop))
+        if not start <= self.deadly < stop:
+            return super().submit(start, stop)
+        future: Future[list[Outcome]] = Future()
+        future.set_exception(self.fatal or WorkerLostError("gone"))
         return future
-
-    def lost(self, error: BaseException) -> bool:
-        return isinstance(error, WorkerLostError)
-
-    def check(self) -> None: ...
-
-    def close(self) -> None: ...
 
 
 class SilentPool(FragilePool):
@@ -240,12 +245,12 @@ class SilentPool(FragilePool):
 
 def test_a_pool_that_forgets_its_work_ends_the_campaign() -> None:
     with pytest.raises(CampaignError, match="the scheduler was lost"):
-        list(outcomes(small(), 60, SilentPool(small()), threading.Event()))
+        list(outcomes(small(), 24, SilentPool(small()), threading.Event()))
 
 
 def test_a_run_that_kills_its_workers_is_the_only_one_lost() -> None:
-    found = list(outcomes(small(), 60, FragilePool(small(), deadly=17), threading.Event()))
-    assert [each.row["index"] for each in found] == list(range(60))
+    found = list(outcomes(small(), 24, FragilePool(small(), deadly=17), threading.Event()))
+    assert [each.row["index"] for each in found] == list(range(24))
     broken = [each.row for each in found if each.row["error"] is not None]
     assert [row["index"] for row in broken] == [17]
     assert "every worker that ran it was lost" in broken[0]["error"]
@@ -254,10 +259,11 @@ def test_a_run_that_kills_its_workers_is_the_only_one_lost() -> None:
 def test_what_is_wrong_with_the_campaign_ends_it() -> None:
     pool = FragilePool(small(), deadly=17, fatal=CampaignError("other versions"))
     with pytest.raises(CampaignError, match="other versions"):
-        list(outcomes(small(), 60, pool, threading.Event()))
+        list(outcomes(small(), 24, pool, threading.Event()))
 
 
-def test_no_more_is_submitted_than_can_be_held() -> None:
+def test_no_more_is_submitted_than_can_be_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ppc_attitude.campaign.campaign.LARGEST_CHUNK", 1)
     pool = FragilePool(small(0.1))
     stream = outcomes(small(0.1), 10**9, pool, threading.Event())
     next(stream)
@@ -286,27 +292,33 @@ def test_a_stopped_campaign_keeps_what_is_done(tmp_path: Path) -> None:
     assert kept[29] == run_one(small(), 29).row
 
 
-def test_a_broken_progress_leaves_whole_files(tmp_path: Path) -> None:
+def test_a_broken_progress_leaves_whole_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compute_here(monkeypatch)
+
     def interrupt(done: int) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_campaign(small(), 50, tmp_path / "c", workers=1, progress=interrupt)
+        run_campaign(small(), 50, tmp_path / "c", progress=interrupt)
     assert [row["index"] for row in rows_of(tmp_path / "c")] == [0]
 
 
-def test_rows_are_written_while_the_campaign_runs(
+def test_rows_are_written_while_the_campaign_runs_and_progress_counts_up_to_the_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its memory does not grow with the number of runs."""
     monkeypatch.setattr(results, "BATCH", 10)
-    growing, sizes = tmp_path / "c" / "runs.parquet.unfinished", set[int]()
+    compute_here(monkeypatch)
+    growing, sizes = tmp_path / "c" / "runs.parquet.unfinished", dict[int, int]()
 
     def look(done: int) -> None:
-        sizes.add(growing.stat().st_size)
+        sizes[done] = growing.stat().st_size
 
-    run_campaign(small(0.2), 40, tmp_path / "c", workers=1, progress=look)
-    assert len(sizes) == 5
+    run_campaign(small(0.2), 40, tmp_path / "c", progress=look)
+    assert list(sizes) == list(range(1, 41))
+    assert len(set(sizes.values())) == 5
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:

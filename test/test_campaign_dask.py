@@ -26,7 +26,7 @@ from pathlib import Path
 
 import distributed
 import pytest
-from campaign_helpers import files_of, rows_of, small
+from campaign_helpers import compute_here, files_of, rows_of, small
 from conftest import StartProcess
 from craft_helpers import ROOT
 from distributed import Client
@@ -76,7 +76,9 @@ def cluster(
     cluster.client.close()
 
 
-def test_a_killed_worker_loses_and_doubles_nothing(cluster: Cluster, tmp_path: Path) -> None:
+def test_a_killed_worker_loses_and_doubles_nothing(
+    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     of = small(duration=10.0, rate=100.0)
     pids = cluster.client.run(os.getpid)
     killed: list[int] = []
@@ -90,7 +92,8 @@ def test_a_killed_worker_loses_and_doubles_nothing(cluster: Cluster, tmp_path: P
             killed.append(victim.wait())
 
     away = run_campaign(of, RUNS, tmp_path / "away", scheduler=cluster.address, progress=kill_one)
-    run_campaign(of, RUNS, tmp_path / "home", workers=1)
+    compute_here(monkeypatch)
+    run_campaign(of, RUNS, tmp_path / "home")
     assert killed == [-signal.SIGKILL]
     assert [row["index"] for row in rows_of(tmp_path / "away")] == list(range(RUNS))
     assert away.summary.broken == 0

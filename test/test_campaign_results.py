@@ -16,6 +16,7 @@
 
 import math
 import os
+import re
 import shlex
 import signal
 from dataclasses import replace
@@ -25,10 +26,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from campaign_helpers import RUNS, VARIES, finish, rows_of, small
+from campaign_helpers import RUNS, VARIES, compute_here, finish, rows_of, small
 from conftest import Ask, StartProcess
 from craft_helpers import ROOT, overlay
-from process_helpers import COMMAND, PATIENCE, alive, workers_of
+from process_helpers import COMMAND, Process, alive, until, workers_of
 from scipy import stats
 from synthetic import normal_run
 
@@ -239,7 +240,10 @@ def test_command_gives_the_campaign(finished: Finished, tmp_path: Path, ask: Ask
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_command_runs_one_again(finished: Finished, tmp_path: Path, ask: Ask) -> None:
+def test_command_runs_one_again(
+    finished: Finished, tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compute_here(monkeypatch)
     slow, report = tmp_path / "slow.yaml", tmp_path / "report.html"
     slow.write_text("rate: 0.01\n", encoding="utf-8")
     given = written(tmp_path)
@@ -261,19 +265,14 @@ def test_ctrl_c_ends_all_workers_and_keeps_what_is_done(
     out = tmp_path / "out"
     command = [*COMMAND, *written(tmp_path), "--runs", "1000000", "--workers", "2"]
     command += ["--out", str(out)]
-    process = start_process(command, cwd=ROOT)
-    assert process.stderr is not None
-    seen = ""
-    while "/1000000" not in seen or " 0/1000000" in seen:  # the bar has moved
-        seen = process.stderr.read(200)
-        assert seen, "ended by itself"
-    workers = workers_of(process.pid)
+    campaign = Process(start_process, tmp_path, "campaign", command, cwd=ROOT)
+    until(lambda: re.search(r" [1-9]\d*/1000000", campaign.err), "its bar to move")
+    workers = workers_of(campaign.pid)
     assert len(workers) == 2
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does it: to all of them
-    _, errors = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 3
+    os.killpg(campaign.pid, signal.SIGINT)  # as a terminal does it: to all of them
+    assert campaign.ends() == 3
     assert not any(map(alive, workers))
-    assert "Traceback" not in errors
+    assert "Traceback" not in campaign.err
     done = len(rows_of(out))
     assert done > 0
-    assert f"error: interrupted after {done} of 1000000 runs; {out} holds these" in errors
+    assert f"error: interrupted after {done} of 1000000 runs; {out} holds these" in campaign.err

@@ -30,6 +30,7 @@ from typing import Any
 import pytest
 import yaml
 from bag_helpers import cut_copy
+from campaign_helpers import compute_here
 from conftest import Ask, StartProcess
 from craft_helpers import ROOT
 from docs_helpers import ALL, EXAMPLES, PAGES, Command, blocks, commands, saved_files, table
@@ -198,6 +199,7 @@ def test_commands_of_a_page_run_in_their_order(
     page = next(each for each in PAGES if each.name == name)
     if not as_written:
         request.getfixturevalue("coarse")
+        compute_here(monkeypatch)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "build").mkdir()
     (tmp_path / "config").symlink_to(ROOT / "config")
@@ -206,7 +208,7 @@ def test_commands_of_a_page_run_in_their_order(
     ours = [each for each in commands(page) if each.words[0] == "ppc_attitude"]
     if name == "how-to.md":  # it works with the bag of the tutorial
         hit = ["--config", "config/sudden_disturbance.yaml", "--bag", "bags/hit"]
-        simulated(["--config", "config/paper.yaml", *hit])
+        simulated(["--config", "config/paper.yaml", "--duration", "10", *hit])
         cut_copy(Path("bags/hit"), Path("bags/cut"), 1_000_000)
     codes = {}
     for command in ours:
