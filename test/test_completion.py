@@ -45,7 +45,7 @@ def completions(line: str, tmp_path: Path) -> list[str]:
     ("line", "offered"),
     [
         ("ppc_attitude c", ["compare", "check", "campaign"]),
-        ("ppc_attitude run --real", ["--realtime"]),
+        pytest.param("ppc_attitude run --real", ["--realtime"], marks=pytest.mark.long),
         ("ppc_attitude run --controller log", ["log_barrier"]),
     ],
 )

@@ -193,7 +193,11 @@ def test_a_wrong_environment_is_refused_by_every_command_and_node(
     ("environment", "named"),
     [
         ({"ROS_LOG_DIR": "/dev/null"}, "Failed to create log directory '/dev/null'"),
-        ({"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}, "initialize rcl"),
+        pytest.param(
+            {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"},
+            "initialize rcl",
+            marks=long,
+        ),
     ],
     ids=["logs", "keys"],
 )
@@ -266,7 +270,7 @@ ALONE_IN_THE_NET = ["unshare", "--net", "--map-root-user"]
     or subprocess.run([*ALONE_IN_THE_NET, "true"], capture_output=True, check=False).returncode,
     reason="no network without an interface can be made here",
 )
-@pytest.mark.parametrize("discovery", ["LOCALHOST", "SUBNET"])
+@pytest.mark.parametrize("discovery", ["SUBNET", pytest.param("LOCALHOST", marks=long)])
 def test_a_host_whose_interfaces_are_all_down_is_told_at_once(discovery: str) -> None:
     done = subprocess.run(
         [*ALONE_IN_THE_NET, sys.executable, "-m", f"ppc_attitude.nodes.{RECORDER}"],

@@ -35,6 +35,7 @@ from ppc_attitude.processes.copied import Copy
 from ppc_attitude.processes.telling import AT, BROKEN
 
 COMMAND = str(Path(sys.executable).with_name("ppc_attitude"))
+long = pytest.mark.long
 OTHERS = ("matplotlib", "numba", "numpy", "pyarrow", "rclpy", "rosbags", "scipy", "yaml")
 
 
@@ -70,7 +71,7 @@ CALLS = {
 @pytest.mark.ros
 @pytest.mark.parametrize(
     "call",
-    [each if each == "run" else pytest.param(each, marks=pytest.mark.long) for each in CALLS],
+    [each if each == "run" else pytest.param(each, marks=long) for each in CALLS],
 )
 def test_a_command_executes_nothing_of_the_current_folder(
     call: str, trap: Path, start_process: StartProcess
@@ -100,10 +101,17 @@ def test_a_compiler_looks_for_no_settings_in_the_current_folder(tmp_path: Path) 
     assert "elsewhere" not in done.stdout
 
 
+BY_NAME = [sys.executable, "-m", "ppc_attitude.command_line.main"]
+
+
 @pytest.mark.parametrize(
     ("command", "entries"),
-    [([COMMAND], ":"), ([sys.executable, "-m", "ppc_attitude.command_line.main"], "")],
-    ids=["empty entry", "-m"],
+    [
+        (BY_NAME, ":"),
+        pytest.param([COMMAND], ":", marks=long),
+        pytest.param(BY_NAME, "", marks=long),
+    ],
+    ids=["both", "empty entry", "-m"],
 )
 def test_what_python_has_put_on_the_path_is_taken_from_it(
     command: list[str], entries: str, tmp_path: Path, start_process: StartProcess
@@ -123,7 +131,10 @@ def test_what_python_has_put_on_the_path_is_taken_from_it(
     assert process.returncode == 0, err
 
 
-@pytest.mark.parametrize("entries", ["", ":{named}", "{named}::", "relative:"])
+@pytest.mark.parametrize(
+    "entries",
+    ["", "{named}::", *(pytest.param(each, marks=long) for each in (":{named}", "relative:"))],
+)
 def test_a_child_knows_the_named_folders_and_not_the_current_one(
     entries: str,
     trap: Path,
@@ -134,6 +145,8 @@ def test_a_child_knows_the_named_folders_and_not_the_current_one(
     seen = tmp_path / "seen"
     for folder in (tmp_path / "named", trap / "relative"):
         folder.mkdir()
+        # The package is that of the child's starter, though this one is first on the path.
+        (folder / "ppc_attitude.py").write_text("raise ImportError('the wrong one')")
         # Python executes this at its start wherever it finds it.
         (folder / "sitecustomize.py").write_text(f"open({str(seen)!r}, 'w').write(__file__)")
     monkeypatch.chdir(trap)
@@ -145,21 +158,12 @@ def test_a_child_knows_the_named_folders_and_not_the_current_one(
     assert seen.exists() == bool(entries.strip(":"))
 
 
-def test_a_child_runs_the_package_of_its_starter(tmp_path: Path) -> None:
-    """Another one is first on the path."""
-    (tmp_path / "ppc_attitude").mkdir()
-    (tmp_path / "ppc_attitude" / "__init__.py").write_text("raise ImportError('the wrong one')")
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
-    code, _ = ended(Child(f"ppc_attitude.nodes.{INJECTOR}", "--help", environment=environment))
-    assert code == 0
-
-
 @pytest.mark.ros
 @pytest.mark.parametrize(
     ("module", "options", "reason"),
     [
         ("nodes.bag_recorder", ["-p", "storage:=tape"], "storage = 'tape'"),
-        ("nodes.bag_recorder", ["-r", "half"], "half"),
+        pytest.param("nodes.bag_recorder", ["-r", "half"], "half", marks=long),
         ("nodes.no_node", [], "No module named 'ppc_attitude.nodes.no_node'"),
     ],
 )
