@@ -230,10 +230,22 @@ def undrawn() -> Iterator[None]:
 
 @contextlib.contextmanager
 def coarse_cells() -> Iterator[None]:
-    """Let gains be searched on coarse cells, in half the time; they are proved on fine ones."""
-    from ppc_attitude.science.guarantee import cells, design  # NumPy, after `prepare_imports`
+    """Let gains be searched on coarse cells, in half the time; they are proved on fine ones.
 
-    with mock.patch.object(design, "FINE", cells.COARSE):
+    The bounds of the reference are sought on a coarser grid, and of the times that are promised
+    whatever is asked for only one, because the shipped certificates are proved with all of them.
+    """
+    from ppc_attitude.command_line import guarantee_view  # NumPy, after `prepare_imports`
+    from ppc_attitude.command_line.commands import design as command
+    from ppc_attitude.science.guarantee import cells, design
+    from ppc_attitude.science.references import paper
+
+    with (
+        mock.patch.object(design, "FINE", cells.COARSE),
+        mock.patch.object(paper, "_SEARCHED", 0.01),
+        mock.patch.object(command, "RATES", (1.0,)),
+        mock.patch.object(guarantee_view, "RATES", (1.0,)),
+    ):
         yield
 
 

@@ -78,7 +78,10 @@ def test_the_body_moves_as_a_rigid_one_up_to_the_rest(
     plant = {**load(FILES, {PLANT: changed}).parameters[PLANT]}
     told = actuation_of(plant, MOMENTUM, FASTEST, math.inf)
     drive = Part(ACTUATORS.components["wheels"], plant)
+    craft = Part(PLANTS.components["gyrostat"], plant)
+    start = craft.configuration[0]
     random, worst, h = np.random.default_rng(1), np.zeros(3), 1e-9 * STEP_NS
+    body, inverse = matrix(told.inertia), matrix(np.linalg.inv(told.inertia))
     for _ in range(300):
         omega = random.normal(size=3)
         omega *= FASTEST / np.linalg.norm(omega)
@@ -87,15 +90,14 @@ def test_the_body_moves_as_a_rigid_one_up_to_the_rest(
             continue
         command = told.torque * random.choice([-1.0, 1.0], 3)
         external = 0.5 * told.torque * random.choice([-1.0, 1.0], 3)
-        begin = {"initial_angular_velocity": omega, "wheels.initial_speed": speeds}
-        craft = Part(PLANTS.components["gyrostat"], {**plant, **begin})
+        craft.forget()  # it begins anew, and is not configured anew, which takes most of the time
+        start["body"]["initial_rate"], start["wheels"]["initial_speed"][:4] = omega, speeds
         q, _, wheels = np.split(np.array(craft.step(0, [0.0] * 11)), [4, 7])
         given = np.array(drive.step(0, [*command, *omega, *wheels]))
         if not changed:
-            assert given[:3] == pytest.approx(command, abs=1e-15)  # all of it can be had
+            assert np.abs(given[:3] - command).max() <= 1e-15  # all of it can be had
         moved = np.array(craft.step(STEP_NS, [*given[3:], *external]))[4:7]
-        torque, body = tuple(command + external), matrix(told.inertia)
-        inverse = matrix(np.linalg.inv(told.inertia))
+        torque = tuple(command + external)
         _, rigid = rigid_body_step(tuple(q), tuple(omega), torque, body, inverse, h)
         rest = np.abs(told.inertia @ (moved - np.array(rigid))) / h
         worst = np.maximum(worst, rest)
@@ -229,6 +231,7 @@ def test_a_run_whose_promise_is_suspended_all_along_is_not_judged(
     fast = overlay(tmp_path / "spun.yaml", spun)
     told = ask("check", *OPTIONS, f"--config={gains}", f"--config={fast}").page
     assert "craft and wheels is at most 0.1532 N·m·s" in told
+    assert "the wheels hold no more" not in told
     assert (
         "warning: the promise holds while the momentum is at most 0.1532 N·m·s: it is 0.369" in told
     )
@@ -241,13 +244,12 @@ def test_wheels_that_cannot_hold_the_assumed_momentum_are_warned_of(
     warning = "warning: in some direction the wheels hold no more than 0.1429 N·m·s"
     file = overlay(tmp_path / "slow.yaml", {PLANT: {"wheels.max_speed": [110.0]}})
     slow, known = f"--config={file}", f"--config={gains}"
-    for name, rest, expected in (
-        ("check", [known, slow], True),
-        ("check", [known], False),
-        ("design", [slow, *CHOSEN], True),  # that others are not warned of, `gains` sees
+    for name, rest in (
+        ("check", [known, slow]),
+        ("design", [slow, *CHOSEN]),  # that others are not warned of, `gains` sees
     ):
         told = ask(name, *OPTIONS, *rest).page
-        assert (warning in told) == expected, told
+        assert warning in told, told
         assert "a hit or magnetorquers may add to it" in told
 
 

@@ -86,7 +86,7 @@ def test_a_plant_of_ones_own_with_our_law_is_judged_by_what_it_sends(tmp_path: P
     """What the how-to asks for: the reference and the law are ours, the plant is not."""
     law = [topic.column for topic in SAMPLED if topic.source == CONTROLLER]
     reference = ("reference_attitude", "reference_angular_velocity")
-    run = only(normal_run(), *OWN_PLANT, *reference, *law)
+    run = only(normal_run(rate=10.0), *OWN_PLANT, *reference, *law)
     ours = {CONTROLLER: run.parameters[CONTROLLER]}
     write_run(replace(run, parameters=ours), tmp_path / "bag")
     read = read_run(tmp_path / "bag", whole=True)
@@ -353,6 +353,7 @@ def test_the_commands_take_bags_of_hardware(tmp_path: Path, ask: Ask) -> None:
     assert "controller 'unknown'" in ask("replay", hardware, *topics, code=BAD_INPUT).err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_bag_with_nothing_but_an_attitude_has_a_report(tmp_path: Path, ask: Ask) -> None:
     bag = write_messages(tmp_path / "bag", list(messages(only(RUN, "attitude"))))
     page = tmp_path / "run.html"

@@ -79,6 +79,7 @@ def test_what_would_help_is_told_for_the_gains_and_wishes_of_the_user() -> None:
     assert designed(replace(quick, **reference), precise, law.h, gains)
 
 
+@pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [

@@ -44,12 +44,22 @@ def is_among(number: float, stated: list[float]) -> bool:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("whole", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_numbers_of_the_theory_are_measured(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    whole: bool, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """All of them, or those that runs of the laws have, and not what 200000 attitudes say."""
     stated = numbers((ROOT / "docs" / "theory.md").read_text(encoding="utf-8").replace("−", "-"))
     monkeypatch.setattr(sys, "argv", ["theory_numbers.py"])
-    runpy.run_path(str(EXAMPLES / "theory_numbers.py"), run_name="__main__")
+    example = runpy.run_path(str(EXAMPLES / "theory_numbers.py"))
+    if whole:
+        example["main"]()
+    else:
+        paper = example["load"]([PAPER])
+        for part in ("task", "along_the_run", "largest_start", "sample_times"):
+            example[part](paper)
+        for part in ("cross_term_ratio", "hits", "benchmark"):
+            example[part]()
     for line in capsys.readouterr().out.splitlines():
         for number in numbers(line):
             assert is_among(number, stated), line

@@ -296,10 +296,13 @@ def test_every_panel_tells_its_time_and_unit(drawn):
 
 def test_figures_are_saved_and_nothing_collides(tmp_path, drawn, recwarn):
     """A layout that does not fit is told by a warning."""
-    folder = tmp_path / "new" / "folder"
-    paths = save_all(drawn[1], folder)
-    assert [path.stem for path in paths] == NAMES
+    figures, folder = drawn[1], tmp_path / "new" / "folder"
+    assert list(figures) == NAMES
+    paths = save_all({name: figures[name] for name in NAMES[:2]}, folder)
+    assert [path.stem for path in paths] == NAMES[:2]
     assert all(path.parent == folder and path.read_bytes().startswith(PNG) for path in paths)
+    for name in NAMES[2:]:  # where all is placed shows without painting it
+        figures[name][1].draw_without_rendering()
     assert [str(each.message) for each in recwarn if each.category is UserWarning] == []
 
 

@@ -32,6 +32,7 @@ from craft_helpers import case, configs, guaranteed, overlay
 from mpmath import iv
 
 from ppc_attitude.analysis.guarantee import nodes_around
+from ppc_attitude.command_line import guarantee_view
 from ppc_attitude.command_line.guarantee_view import (
     certificate_path,
     stored_certificate,
@@ -211,11 +212,18 @@ def test_a_quicker_law_has_longer_ramps_and_check_says_so() -> None:
     assert not [*longer_ramps(guaranteed()[1], nodes_around(shipped.parameters))]
 
 
-def test_a_changed_number_voids_the_certificate(tmp_path: Path, ask: Ask) -> None:
-    (shipped,) = configs("guaranteed")
-    changed = tmp_path / "changed.yaml"
-    changed.write_text(shipped.read_text().replace("kappa: 15.4", "kappa: 15.5"))
-    certificate_path(changed).write_text(certificate_path(shipped).read_text())
+def test_a_changed_number_voids_the_certificate(
+    tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guarantee_view, "RATES", ())
+    (file,) = configs("guaranteed")
+    stored = json.loads(certificate_path(file).read_text())
+    stored["promises"] = stored["promises"][-1:]  # one time is proved anew, and not four
+    shipped, changed = tmp_path / "shipped.yaml", tmp_path / "changed.yaml"
+    shipped.write_text(file.read_text())
+    changed.write_text(file.read_text().replace("kappa: 15.4", "kappa: 15.5"))
+    for each in (shipped, changed):
+        certificate_path(each).write_text(json.dumps(stored))
     paper = ["check", f"--config={configs('paper')[0]}", "--config"]
     assert "guaranteed: |q_ev,i| < 0.005 from t =" in ask(*paper, shipped).out
     told = ask(*paper, changed, code=1).out
@@ -247,7 +255,10 @@ def test_what_is_no_certificate_is_refused_by_name(tmp_path: Path, text: str) ->
         stored_certificate([path])
 
 
-@pytest.mark.parametrize("values", [{"k": 1e-9}, {"z_bar": 1e6}, {"assumed.W": 1e3}])
+@pytest.mark.parametrize(
+    "values",
+    [{"k": 1e-9}, pytest.param({"z_bar": 1e6}, marks=pytest.mark.long), {"assumed.W": 1e3}],
+)
 def test_of_numbers_out_of_proportion_nothing_is_guaranteed_and_the_rest_is_checked(
     tmp_path: Path, ask: Ask, values: dict[str, float]
 ) -> None:
@@ -354,17 +365,20 @@ def test_inertia_error_is_the_one_of_the_definition() -> None:
     assert inertia_error(known.ravel(), true.ravel()) == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.usefixtures("coarse")
 @pytest.mark.parametrize("scale", [1e-2, pytest.param(1e2, marks=pytest.mark.long)])
 def test_design_scales_with_the_craft(scale: float) -> None:
     """The same craft in other units of mass: the same gains, momenta scaled, the same times."""
-    assumed, law = guaranteed()  # its tube stands still to 2e-5, where the iteration ended
+    assumed, law = guaranteed()
+    gains = law.h, (law.k, law.kappa, law.ell)
+    law = designed(assumed, Wishes(), *gains).law  # on the same cells
     torques = ("max_torque", "dead_band", "d")
     other = replace(
         assumed,
         inertia=tuple(scale * each for each in assumed.inertia),
         **{name: scale * getattr(assumed, name) for name in torques},
     )
-    found = designed(other, Wishes(), law.h, (law.k, law.kappa, law.ell))
+    found = designed(other, Wishes(), *gains)
     assert found.law.a_most == pytest.approx(law.a_most, rel=5e-5)
     assert np.array(found.law.brake) == pytest.approx(scale * np.array(law.brake), rel=5e-5)
     assert np.array(found.law.Y) == pytest.approx(scale * np.array(law.Y), rel=5e-5)

@@ -34,14 +34,15 @@ from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import FINE, Speed, cells
 
 
-def test_no_random_state_needs_more_than_the_load() -> None:
+@pytest.mark.parametrize("states", [1000, pytest.param(4000, marks=pytest.mark.long)])
+def test_no_random_state_needs_more_than_the_load(states: int) -> None:
     """Torque M0 − J v' of random states, by differences along their own motion, against C3's."""
     assumed, law = guaranteed()
     bounds = Bounds(assumed, law, FLOATS)
     J = np.array(assumed.inertia).reshape(3, 3)
     random = np.random.default_rng(3)
     largest = np.zeros(3)
-    for _ in range(4000):
+    for _ in range(states):
         largest = np.maximum(largest, np.abs(_torque(assumed, law, J, random)))
     share = largest / np.array(bounds.load)
     assert (share <= 1.0).all()
@@ -92,7 +93,8 @@ def _torque(assumed: Assumptions, law: Law, J: Any, random: np.random.Generator)
     return m_0 - J @ v_rate
 
 
-def test_no_random_motion_bends_more_than_its_bound() -> None:
+@pytest.mark.parametrize("motions", [1000, pytest.param(3000, marks=pytest.mark.long)])
+def test_no_random_motion_bends_more_than_its_bound(motions: int) -> None:
     """‖v''‖ along random motions of the error, by differences, against that of C1's δF."""
     assumed, law = guaranteed()
     J, A = np.array(assumed.inertia).reshape(3, 3), 0.05
@@ -103,7 +105,7 @@ def test_no_random_motion_bends_more_than_its_bound() -> None:
     bound = max(each.second + each.lever * A for each in found)
     random = np.random.default_rng(4)
     largest = 0.0
-    for _ in range(3000):
+    for _ in range(motions):
         phi = math.exp(random.uniform(math.log(5e-3), math.log(math.pi + 0.9)))
         n, z = _unit(random), law.z_bar * _unit(random)
         rate_d = assumed.W * random.uniform(0.5, 1.0) * _unit(random)
@@ -136,7 +138,7 @@ def test_a_known_reference_is_followed_until_a_slow_craft_has_settled(
 ) -> None:
     """After 400 s, as many steps, the bound gave up; here each rate is a sixteenth."""
     monkeypatch.setattr(known_reference, "_FACES", (6,))
-    monkeypatch.setattr(known_reference, "_STEPS", 2_000)
+    monkeypatch.setattr(known_reference, "_STEPS", 1_000)
     values = dict(case("guaranteed").parameters[CONTROLLER])
     times = []
     for slower in (1.0, 16.0):

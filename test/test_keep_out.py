@@ -18,7 +18,6 @@ import itertools
 import math
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 import pytest
 from guidance_helpers import DEGREE, Array, guidance, quaternion, scenes
@@ -38,7 +37,7 @@ from ppc_attitude.science.keep_out import (
     rest_to_rest,
     route,
 )
-from ppc_attitude.science.kernel import Quaternion
+from ppc_attitude.science.kernel import Quaternion, kernel
 
 LIMITS = guidance()["limits"]
 SCENES = scenes()
@@ -73,7 +72,7 @@ def scene(case: dict[str, Any]) -> tuple[Any, Array]:
     return cones([part["body_axis"] for part in parts], half_angles), directions
 
 
-@numba.njit
+@kernel
 def sampled_angles(
     q: Quaternion, axis: Any, angle: float, limits: Any, record: Any, directions: Any, h: float
 ) -> Any:

@@ -95,7 +95,10 @@ def covariances(rows: Any) -> Any:
     return p
 
 
-@pytest.mark.parametrize("name", SUITES)
+@pytest.mark.parametrize(
+    "name",  # the limits of the third are those of the second
+    [pytest.param(name, marks=[pytest.mark.long] * (name == "smallsat")) for name in SUITES],
+)
 def test_errors_are_as_large_as_the_filter_says(name: str) -> None:
     values = suite(name, star_tracker__mounting=MOUNTING)
     settings = filter_record(values)

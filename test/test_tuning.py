@@ -17,6 +17,7 @@
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
@@ -30,6 +31,7 @@ from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import Accuracy, Requirements
 from ppc_attitude.campaign.declaration import Campaign, campaign, scenario_of_run
 from ppc_attitude.campaign.tuning import GAINS, Tuned, cost, tuned
+from ppc_attitude.command_line import gain_search
 from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import simulate
@@ -149,12 +151,15 @@ def test_a_gain_that_no_search_would_change_or_keep_is_refused(
         tuned(of, 1.0, threads)
 
 
-def test_design_writes_gains_and_says_that_they_are_no_guarantee(tmp_path: Path, ask: Ask) -> None:
+def test_design_writes_gains_and_says_that_they_are_no_guarantee(
+    tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gain_search, "tuned", partial(tuned, fresh=20))
     craft, gains = overlay(tmp_path / "craft.yaml", CUBESAT), tmp_path / "gains.yaml"
     law = ["--controller", "quaternion_feedback", "--seconds", 0.01, "--rate", 0.5]
     told = ask("design", "--config", craft, *law, "--output", gains, code=1).out
     assert "sets of gains: quaternion_feedback.natural_frequency = 0.1, " in told
-    assert "of 200 fresh runs meet every requirement that they are judged by: " in told
+    assert "of 20 fresh runs meet every requirement that they are judged by: " in told
     assert "no guarantee" in told
     values = load([craft, gains]).parameters[CONTROLLER]
     assert values[GAIN] == 0.1
