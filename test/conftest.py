@@ -27,6 +27,7 @@ import tempfile
 import time
 import uuid
 from collections.abc import Iterator
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -232,17 +233,21 @@ def undrawn() -> Iterator[None]:
 def coarse_cells() -> Iterator[None]:
     """Let gains be searched on coarse cells, in half the time; they are proved on fine ones.
 
-    The bounds of the reference are sought on a coarser grid, and of the times that are promised
-    whatever is asked for only one, because the shipped certificates are proved with all of them.
+    The bounds of the reference are sought on a coarser grid. Commands evaluate the proof with
+    floats, and promise one time only beside what is asked for, because `test_guarantee` proves
+    all of it of the shipped laws with balls, and finds that floats say the same.
     """
     from ppc_attitude.command_line import guarantee_view  # NumPy, after `prepare_imports`
     from ppc_attitude.command_line.commands import design as command
     from ppc_attitude.science.guarantee import cells, design
+    from ppc_attitude.science.guarantee.arithmetic import FLOATS
     from ppc_attitude.science.references import paper
 
     with (
         mock.patch.object(design, "FINE", cells.COARSE),
         mock.patch.object(paper, "_SEARCHED", 0.01),
+        mock.patch.object(command, "certify", partial(command.certify, arithmetic=FLOATS)),
+        mock.patch.object(guarantee_view, "balls", lambda: FLOATS),
         mock.patch.object(command, "RATES", (1.0,)),
         mock.patch.object(guarantee_view, "RATES", (1.0,)),
     ):

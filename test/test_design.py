@@ -211,8 +211,10 @@ def test_a_wish_beyond_what_is_allowed_is_refused_by_its_name(
     assert told in ask("design", *CONFIG, *option.split(), code=2).err
 
 
-@pytest.mark.usefixtures("coarse")
-def test_a_design_says_which_of_its_assumptions_the_craft_does_not_keep(ask: Ask) -> None:
+def test_a_design_says_which_of_its_assumptions_the_craft_does_not_keep(
+    ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "FINE", COARSE)  # and nothing else: the command proves with balls
     told = ask("design", *CONFIG, "--gains", 0.1, 4, 1, "--assume", "d=1e-5").out
     assert "warning: assumption not kept: the environment reaches 0.004374 N·m; assumed: d" in told
 

@@ -216,6 +216,7 @@ def test_a_changed_number_voids_the_certificate(
     tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(guarantee_view, "RATES", ())
+    monkeypatch.setattr(guarantee_view, "balls", lambda: FLOATS)
     (file,) = configs("guaranteed")
     stored = json.loads(certificate_path(file).read_text())
     stored["promises"] = stored["promises"][-1:]  # one time is proved anew, and not four
