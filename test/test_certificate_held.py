@@ -150,8 +150,15 @@ def test_a_design_knows_the_torque_noise_that_its_sensors_make(
     assert float(found[1]) == pytest.approx(noise.max(), rel=0.15)
 
 
-@pytest.mark.parametrize("e_S", [0.0, 0.1])
-@pytest.mark.parametrize("products", [0.0, 0.3])  # [kg·m²]
+@pytest.mark.parametrize(
+    ("e_S", "products"),  # [1], [kg·m²]
+    [
+        (0.0, 0.0),
+        (0.1, 0.3),
+        pytest.param(0.0, 0.3, marks=pytest.mark.long),
+        pytest.param(0.1, 0.0, marks=pytest.mark.long),
+    ],
+)
 def test_no_craft_within_the_assumptions_lags_more_than_a_gyro_may(
     e_S: float, products: float
 ) -> None:
