@@ -17,6 +17,7 @@
 import math
 import re
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -107,28 +108,34 @@ def test_a_rate_that_would_help_is_one_at_which_a_design_succeeds() -> None:
     assert design(uncertain, Wishes(), factor * h)
 
 
-@pytest.fixture(scope="module")
+@cache
 def search() -> module._Search:
     """A search for the shipped craft, with which two designs go on."""
     assumed, law = guaranteed()
     return module._Search(assumed, Wishes(), law.h)
 
 
-@pytest.mark.usefixtures("coarse")
-def test_a_search_finds_gains_that_settle_sooner(
-    search: module._Search, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """On coarse cells to the end; the shipped gains are ours, and quieter."""
+@pytest.fixture
+def short(coarse: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a design go on with that search, from a quarter of the grid, for half a second's gain."""
+    shared = search()
+    monkeypatch.setattr(module, "_Search", lambda *_: shared)
+    monkeypatch.setattr(module, "_SHORT", ((0.2, 0.4), (0.02,), (0.2, 1.0)))
+    monkeypatch.setattr(module, "_WORTHWHILE", 0.5)  # [s]
+
+
+@pytest.mark.usefixtures("short")
+def test_a_search_finds_gains_that_settle_sooner() -> None:
+    """On coarse cells; the shipped gains are ours, and quieter."""
     assumed, law = guaranteed()
-    monkeypatch.setattr(module, "_Search", lambda *_: search)
     found = design(assumed, Wishes(), law.h)
     shipped = designed(assumed, Wishes(), law.h, (law.k, law.kappa, law.ell))
     assert found.settling < 0.97 * shipped.settling
 
 
-@pytest.mark.usefixtures("coarse")
+@pytest.mark.usefixtures("short")
 def test_every_law_of_a_search_may_be_the_one_that_fine_cells_prove(
-    search: module._Search, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The best three were tried, and a craft refused for a wish that the fourth granted."""
     assumed, law = guaranteed()
@@ -140,7 +147,6 @@ def test_every_law_of_a_search_may_be_the_one_that_fine_cells_prove(
             raise failed
         return designed(*given)
 
-    monkeypatch.setattr(module, "_Search", lambda *_: search)
     monkeypatch.setattr(module, "designed", proved)
     assert design(assumed, Wishes(), law.h).settling < 100.0
 

@@ -69,7 +69,7 @@ def search(candidates: int) -> Tuned:
 
 
 def test_a_search_settles_sooner_than_the_gains_it_began_with() -> None:
-    begun, found = search(1), search(40)
+    begun, found = search(1), search(24)
     assert begun.gains[GAIN] == 0.1
     assert set(found.gains) == set(GAINS["quaternion_feedback"])
     assert found.fraction.judged == 12
