@@ -193,15 +193,14 @@ def test_a_recorder_asks_and_answers_in_full_flow(
     """Also by simulated time, whose clock comes as often as the states."""
     with peer() as stack:
         quick = "rate:=300.0"  # as many messages as those of all nodes at the default rate
-        nodes = [Node(start_process, tmp_path, *each) for each in ((PLANT, quick), (CONTROLLER,))]
+        plant = Node(start_process, tmp_path, PLANT, quick)
         stack.until(lambda: stack.time(ATTITUDE) > 0.5, "the flow")
         bag, sim = f"bag:={tmp_path / 'bag'}", "use_sim_time:=true"
-        nodes.append(recorder := Node(start_process, tmp_path, RECORDER, bag, sim))
-        for name in (CONTROLLER, PLANT):
-            recorder.says(f"the parameters of /{name} are on record")
+        recorder = Node(start_process, tmp_path, RECORDER, bag, sim)
+        recorder.says(f"the parameters of /{PLANT} are on record")
         listed = ListParameters.Request()
         told = stack.call(ListParameters, f"/{RECORDER}/list_parameters", listed)
         assert "storage" in told.result.names
-        end_all(nodes[:-1])
+        end_all([plant])
         recorder.send(signal.SIGINT)
         recorder.ends()

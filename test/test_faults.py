@@ -74,9 +74,9 @@ KILLED = [
 def test_a_killed_node_ends_the_run_and_is_named(
     name: str, mode: str, tmp_path: Path, start_process: StartProcess
 ) -> None:
-    run = Run(start_process, tmp_path / "bag", *ENDLESS, *filter(None, [mode]), overlay=pace(20.0))
+    run = Run(start_process, tmp_path / "bag", *ENDLESS, *filter(None, [mode]), overlay=pace(1.0))
     # Of a killed recorder's bag one second of the clock may be lost.
-    run.reaches(60.0 if name == RECORDER and not mode else 3.0)
+    run.reaches(3.0 if name == RECORDER else 0.5)
     nodes = run.nodes()
     assert nodes.keys() == set(NODES)
     for node, pid in nodes.items():

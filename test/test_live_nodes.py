@@ -29,6 +29,7 @@ from rosbags.highlevel import AnyReader
 from std_srvs.srv import SetBool, Trigger
 
 from ppc_attitude.bags.reader import read_run
+from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
@@ -40,6 +41,7 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
 )
 from ppc_attitude.nodes.spacecraft_plant import SpacecraftPlant
+from ppc_attitude.processes.exits import BAD_INPUT
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.stamps import nanoseconds
 from ppc_attitude.simulation.replay import replay
@@ -156,9 +158,9 @@ LASTING_HIT = """/**/disturbance_injector:
 def test_parameters_in_flight_are_refused_with_reasons_or_act_and_are_replayed_after_a_reset_too(
     tmp_path: Path, start_process: StartProcess
 ) -> None:
-    run = Run(start_process, tmp_path / "bag", *ENDLESS, overlay=pace(1.0) + LASTING_HIT)
+    run = Run(start_process, tmp_path / "bag", *ENDLESS, overlay=pace(0.5) + LASTING_HIT)
     with peer() as stack:
-        stack.goes_on()
+        stack.goes_on(0.2)
         for case, (node, name, value, reason) in REFUSED.items():
             result = stack.set_parameter(node, name, value)
             assert not result.successful, case
@@ -172,14 +174,14 @@ def test_parameters_in_flight_are_refused_with_reasons_or_act_and_are_replayed_a
         before = stack.time(APPLIED_TORQUE)
         assert stack.call(Trigger, f"/{PLANT}/reset", Trigger.Request()).success
         stack.until(lambda: stack.time(APPLIED_TORQUE) < before, "time to go back")
-        stack.goes_on()
+        stack.goes_on(0.2)
         switch(stack, True)
         stack.until(lambda: last_torque(stack) == 0.03, "torque")
-        stack.goes_on()
+        stack.goes_on(0.2)
         asked_at = stack.time(TORQUE_COMMAND)
         assert stack.set_parameter(CONTROLLER, "max_torque", 0.02).successful
         stack.until(lambda: last_torque(stack) == 0.02, "the new limit")
-        stack.goes_on()
+        stack.goes_on(0.2)
         run.send(signal.SIGINT)
         assert run.ends() == 3, run.err
     assert "inertia: every node that has it must have the same value" in run.err
@@ -220,11 +222,15 @@ def events(bag: Path) -> set[tuple[str, str, float]]:
     return found
 
 
-def test_a_reference_that_has_years_to_integrate_says_so_and_ends_when_asked(
-    tmp_path: Path, start_process: StartProcess
+def test_a_reference_refuses_goals_by_its_mode_and_says_that_it_has_years_to_integrate(
+    tmp_path: Path, start_process: StartProcess, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """As beside hardware that counts from its own start, or when a node joins a long run."""
+    """Years as beside hardware that counts from its own start, or when it joins a long run."""
     reference = Node(start_process, tmp_path, REFERENCE)
+    reference.says("ready")
+    assert main(["goto", "--euler", "0", "0", "30"]) == BAD_INPUT
+    told = "error: reference_generator: mode = 'paper'; allowed: 'goal', for goals\n"
+    assert capfd.readouterr().err == told
     with peer(ATTITUDE) as hardware:
         hardware.matched(ATTITUDE, [REFERENCE])
         for second in range(5):

@@ -25,7 +25,7 @@ from typing import Any
 
 import pytest
 from conftest import StartProcess
-from peer import node_apart, peer
+from peer import Beside, living, node_apart, peer
 from process_helpers import PAPER, Node, Run, pace
 from rclpy.duration import Duration
 from rclpy.qos import HistoryPolicy, QoSProfile
@@ -43,6 +43,7 @@ from ppc_attitude.contract.topics import (
     REFERENCE,
 )
 from ppc_attitude.nodes.base import BaseNode
+from ppc_attitude.nodes.disturbance_injector import DisturbanceInjector
 from ppc_attitude.nodes.messages import message_class, publisher_of
 from ppc_attitude.nodes.publisher_watch import PublisherWatch
 from ppc_attitude.processes.telling import LINGERS
@@ -66,9 +67,9 @@ def test_a_second_publisher_is_named_ends_and_makes_the_bag_incomplete(
 ) -> None:
     sensors = [PAPER.with_name("sensors_smallsat.yaml")] if name == ESTIMATOR else []
     options = ["--duration", "10000", *(f"--config={file}" for file in sensors)]
-    run = Run(start_process, tmp_path / "bag", *options, overlay=pace(0.1))
+    run = Run(start_process, tmp_path / "bag", *options, overlay=pace(0.05))
     # After 11 s of the clock: who is that old never gives way, nor is its time one's who begins.
-    run.reaches(1.1)
+    run.reaches(0.55)
     parameters = tmp_path / "parameters.yaml"
     parameters.write_text(parameter_file(load([PAPER, tmp_path / "overlay.yaml", *sensors])))
     second = Node(start_process, tmp_path, name, file=parameters)
@@ -88,23 +89,23 @@ def test_a_second_publisher_is_named_ends_and_makes_the_bag_incomplete(
 
 @ros
 def test_a_publisher_whose_stamp_stands_still_is_named_with_what_is_refused(
-    tmp_path: Path, start_process: StartProcess
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
-    injector = Node(start_process, tmp_path, INJECTOR)
-    injector.says("ready")
-    stale, new = (
-        Codec(ATTITUDE).encode(seconds * NANOSECONDS, (0.0, 0.0, 0.0, 1.0)) for seconds in (5, 6)
-    )
+    unit, said = (0.0, 0.0, 0.0, 1.0), ""
     found = "stamp 5.000000 s is out of order; it has several publishers: /peer, /stuck"
-    with peer(ATTITUDE) as stack, node_apart("stuck") as stuck:
-        publisher = publisher_of(stuck, ATTITUDE)
+    with living(DisturbanceInjector) as injector, node_apart("stuck") as stuck:
+        beside, publisher = Beside(injector, ATTITUDE), publisher_of(stuck, ATTITUDE)
 
         def sent_until_told() -> bool:
-            stack.send(ATTITUDE, new)
-            publisher.publish(stale)
-            return found in injector.err
+            nonlocal said
+            beside.send(ATTITUDE, 6 * NANOSECONDS, unit)
+            publisher.publish(Codec(ATTITUDE).encode(5 * NANOSECONDS, unit))
+            injector.wake()
+            said += capfd.readouterr().err
+            return found in said
 
-        stack.until(sent_until_told, found)
+        beside.until(sent_until_told, found)
+        beside.close()
 
 
 @long

@@ -137,13 +137,16 @@ def test_plant_and_drive_have_one_rate() -> None:
 def test_the_allocators_node_gives_the_bits_of_the_loop(
     tmp_path: Path, start_process: StartProcess
 ) -> None:
-    """Seven processes: with an estimator, the drive knows the estimated rate."""
+    """Seven processes: with an estimator, the drive knows the estimated rate.
+
+    After a second the rods begin their second period.
+    """
     overlays = configs("wheels", "orbit", "unloading", "sensors_smallsat", "allocator_unloading")
     options = [f"--config={path}" for path in overlays]
-    run = Run(start_process, tmp_path / "bag", "--duration", "3", *options)
+    run = Run(start_process, tmp_path / "bag", "--duration", "1.5", *options)
     assert run.ends() == 0, run.err
     record = read_run(run.bag)
-    assert_flown(record, simulate(load([PAPER, *overlays]), 3.0))
+    assert_flown(record, simulate(load([PAPER, *overlays]), 1.5))
     assert ALLOCATOR in record.parameters
 
 
