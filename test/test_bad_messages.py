@@ -61,7 +61,7 @@ READERS = {
     INJECT: (INJECTOR,),
 }
 MAX_TORQUE = 0.05  # [N·m] per axis
-FLOOD, LASTS = 10_000, 0.1  # [Hz], [s]
+FLOOD, LASTS = 10_000, 0.05  # [Hz], [s]
 FUTURE = 2_000_000_000 * NANOSECONDS  # no run has come so far
 
 
@@ -168,7 +168,7 @@ def disable(stack: Peer, controller: Node) -> None:
     """No torque while the controller is disabled, and a new plan afterwards."""
     assert stack.call(SetBool, f"/{CONTROLLER}/enable", SetBool.Request(data=False)).success
     stack.until(lambda: last_torque(stack) == 0.0, "zero torque")
-    stack.goes_on()
+    stack.goes_on(0.2)
     assert last_torque(stack) == 0.0
     stack.hears(CONTROLLER, "disabled: zero torque")
     disabled_until = stack.time(APPLIED_TORQUE)
@@ -182,7 +182,7 @@ def reset(stack: Peer, controller: Node) -> None:
     before, planned = stack.time(APPLIED_TORQUE), len(plans(controller))
     assert stack.call(Trigger, f"/{PLANT}/reset", Trigger.Request()).success
     stack.until(lambda: 0.0 <= stack.time(APPLIED_TORQUE) < before, "time to go back")
-    stack.goes_on()
+    stack.goes_on(0.2)
     controller.says("time has begun again at 0.000 s: re-armed")
     until(lambda: len(plans(controller)) > planned, "a plan of the new time")
     (_, first), *_, (start, error) = plans(controller)
@@ -194,7 +194,7 @@ def test_a_loop_is_disabled_and_reset_and_bad_messages_change_nothing(
     nodes: dict[str, Node],
 ) -> None:
     with peer(*READERS) as stack:
-        stack.goes_on(1.0)
+        stack.goes_on(0.2)
         disable(stack, nodes[CONTROLLER])
         reset(stack, nodes[CONTROLLER])
         for node in (REFERENCE, CONTROLLER, INJECTOR):
@@ -202,7 +202,7 @@ def test_a_loop_is_disabled_and_reset_and_bad_messages_change_nothing(
         for topic, readers in READERS.items():
             stack.matched(topic, readers)
         expect_refusals(stack, {topic: list(impossible(topic)) for topic in READERS})
-        stack.goes_on()
+        stack.goes_on(0.2)
         # Out of order, and of an instant to come.
         expect_refusals(
             stack,
@@ -214,5 +214,5 @@ def test_a_loop_is_disabled_and_reset_and_bad_messages_change_nothing(
         send_states_of_other_times(stack)
         for topic in READERS:
             flood(stack, topic)
-        stack.goes_on()
+        stack.goes_on(0.2)
         expect_finite(stack)

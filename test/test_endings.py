@@ -21,12 +21,12 @@ import sys
 import time
 from functools import partial
 from pathlib import Path
-from threading import Event
+from threading import Event, Thread, current_thread, main_thread
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from conftest import StartProcess
+from conftest import Ask, StartProcess
 from process_helpers import (
     COMMAND,
     ENDLESS,
@@ -181,20 +181,41 @@ main.run()
 """
 
 
+COMPUTING = [
+    ("run", "command_line.recording.warm_up"),
+    ("simulate", "command_line.commands.simulate.simulate"),
+    ("sweep", "command_line.commands.sweep.simulate"),
+    ("check", "command_line.commands.check.first_instant"),
+    ("campaign", "command_line.commands.campaign.warm_up"),
+    ("campaign --only 1", "campaign.rows.simulate"),
+    ("design --controller ppc", "command_line.gain_search.warm_up"),
+    ("falsify", "falsify.search.simulate"),
+    ("design --controller ppc", "campaign.tuning.simulate"),  # after a second of preparations
+]
+
+
+@pytest.mark.parametrize(
+    ("words", "computing"), [*COMPUTING[:-1], pytest.param(*COMPUTING[-1], marks=long)]
+)
+def test_the_main_thread_stays_free_while_a_step_computes(
+    words: str, computing: str, ask: Ask, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    computed: list[Thread] = []
+
+    def compute(*_: object) -> None:
+        computed.append(current_thread())
+        raise ValueError("enough")
+
+    monkeypatch.setattr(f"ppc_attitude.{computing}", compute)
+    monkeypatch.chdir(tmp_path)
+    ask(*words.split(), "--config", PAPER, code=2)
+    assert computed
+    assert main_thread() not in computed
+
+
 @pytest.mark.parametrize(
     ("words", "computing"),
-    [
-        # `run` has handlers of its own later, which must not take over before its nodes begin.
-        ("run", "command_line.recording.warm_up"),
-        pytest.param("simulate", "command_line.commands.simulate.simulate", marks=long),
-        pytest.param("sweep", "command_line.commands.sweep.simulate", marks=long),
-        pytest.param("check", "command_line.commands.check.first_instant", marks=long),
-        pytest.param("campaign", "command_line.commands.campaign.warm_up", marks=long),
-        pytest.param("campaign --only 1", "campaign.rows.simulate", marks=long),
-        pytest.param("design --controller ppc", "command_line.gain_search.warm_up", marks=long),
-        pytest.param("design --controller ppc", "campaign.tuning.simulate", marks=long),
-        pytest.param("falsify", "falsify.search.simulate", marks=long),
-    ],
+    [COMPUTING[0], *(pytest.param(*each, marks=long) for each in COMPUTING[1:])],
 )
 def test_an_end_while_a_step_computes_for_ever(
     words: str, computing: str, tmp_path: Path, start_process: StartProcess
