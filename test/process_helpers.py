@@ -183,7 +183,7 @@ def end_all(nodes: Collection[Node]) -> None:
         assert node.err.count("ends: it was asked to") == 1, node.err
 
 
-def plans(controller: Node) -> list[tuple[float, float]]:
+def plans(controller: Process) -> list[tuple[float, float]]:
     """Start [s] and attitude error [deg] of each envelope plan that a controller announced."""
     found = re.findall(r"plan from t = ([\d.]+) s: attitude error ([\d.]+)", controller.err)
     return [(float(start), float(error)) for start, error in found]

@@ -15,6 +15,8 @@
 """What stirs a loop over DDS: disabled, reset, and bad messages on every input of every node."""
 
 import math
+import signal
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -23,7 +25,7 @@ from pathlib import Path
 import pytest
 from conftest import StartProcess
 from peer import Peer, last_torque, peer
-from process_helpers import Node, end_all, loop_nodes, plans, until
+from process_helpers import LOOP, PAPER, Process, plans, until
 from std_srvs.srv import SetBool, Trigger
 
 from ppc_attitude.contract.cdr import Codec
@@ -62,6 +64,24 @@ READERS = {
 }
 MAX_TORQUE = 0.05  # [N·m] per axis
 FLOOD, LASTS = 10_000, 0.05  # [Hz], [s]
+# The nodes are copies of one process, as those of a run, and say all that they have to say.
+NODES = """
+import os, signal, sys, threading
+from ppc_attitude.command_line import stack
+from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.simulation.closed_loop import warm_up
+from ppc_attitude.simulation.scenario import load
+file, mode, *names = sys.argv[1:]
+scenario = load([file]).with_values(PLANT, lockstep=mode == "lockstep", real_time_factor=1.0)
+warm_up(scenario)
+stack._pass_on = lambda line: print(line, file=sys.stderr, flush=True)
+stop = threading.Event()
+signal.signal(signal.SIGINT, lambda number, frame: stop.set())
+nodes = stack.Stack(scenario, lambda simulated: None, names, os.environ)
+nodes.start()
+nodes.wait(stop)
+nodes.stop()
+"""
 FUTURE = 2_000_000_000 * NANOSECONDS  # no run has come so far
 
 
@@ -138,17 +158,22 @@ def flood(stack: Peer, topic: Topic) -> None:
 
 @pytest.fixture(params=["lockstep", pytest.param("free-running", marks=pytest.mark.long)])
 def nodes(
-    request: pytest.FixtureRequest, start_process: StartProcess, tmp_path: Path, ros_domain: int
-) -> Iterator[dict[str, Node]]:
+    request: pytest.FixtureRequest, start_process: StartProcess, tmp_path: Path
+) -> Iterator[Process]:
     """Plant, reference, controller and injector at 100 steps a second; they must end well."""
     began = time.monotonic()
-    started = loop_nodes(start_process, tmp_path, request.param)
+    command = [sys.executable, "-c", NODES, str(PAPER), request.param, *LOOP]
+    started = Process(start_process, tmp_path, "nodes", command)
     yield started
     lasted = time.monotonic() - began
-    end_all(started.values())
-    for node in started.values():
+    started.send(signal.SIGINT)
+    assert started.ends() == 0, started.err
+    assert "Traceback" not in started.err
+    for node in LOOP:
+        lines = [line for line in started.err.splitlines() if f"[{node}]: " in line]
+        assert sum("ends: it was asked to" in line for line in lines) == 1, lines
         for topic in READERS:
-            said = node.err.count(f"refused {topic.name}: ")
+            said = sum(f"refused {topic.name}: " in line for line in lines)
             assert said <= lasted + 1.0, "more than once a second"
 
 
@@ -164,7 +189,7 @@ def send_states_of_other_times(stack: Peer) -> None:
             stack.goes_on(0.1)
 
 
-def disable(stack: Peer, controller: Node) -> None:
+def disable(stack: Peer, nodes: Process) -> None:
     """No torque while the controller is disabled, and a new plan afterwards."""
     assert stack.call(SetBool, f"/{CONTROLLER}/enable", SetBool.Request(data=False)).success
     stack.until(lambda: last_torque(stack) == 0.0, "zero torque")
@@ -174,29 +199,27 @@ def disable(stack: Peer, controller: Node) -> None:
     disabled_until = stack.time(APPLIED_TORQUE)
     assert stack.call(SetBool, f"/{CONTROLLER}/enable", SetBool.Request(data=True)).success
     stack.until(lambda: last_torque(stack) > 0.0, "torque")
-    until(lambda: plans(controller)[-1][0] >= disabled_until, "a new plan")
+    until(lambda: plans(nodes)[-1][0] >= disabled_until, "a new plan")
 
 
-def reset(stack: Peer, controller: Node) -> None:
+def reset(stack: Peer, nodes: Process) -> None:
     """Time begins again, for every node."""
-    before, planned = stack.time(APPLIED_TORQUE), len(plans(controller))
+    before, planned = stack.time(APPLIED_TORQUE), len(plans(nodes))
     assert stack.call(Trigger, f"/{PLANT}/reset", Trigger.Request()).success
     stack.until(lambda: 0.0 <= stack.time(APPLIED_TORQUE) < before, "time to go back")
     stack.goes_on(0.2)
-    controller.says("time has begun again at 0.000 s: re-armed")
-    until(lambda: len(plans(controller)) > planned, "a plan of the new time")
-    (_, first), *_, (start, error) = plans(controller)
+    nodes.says("time has begun again at 0.000 s: re-armed")
+    until(lambda: len(plans(nodes)) > planned, "a plan of the new time")
+    (_, first), *_, (start, error) = plans(nodes)
     assert start == 0.0
     assert error == pytest.approx(first, abs=1.0)  # at the start the controller may be late
 
 
-def test_a_loop_is_disabled_and_reset_and_bad_messages_change_nothing(
-    nodes: dict[str, Node],
-) -> None:
+def test_a_loop_is_disabled_and_reset_and_bad_messages_change_nothing(nodes: Process) -> None:
     with peer(*READERS) as stack:
         stack.goes_on(0.2)
-        disable(stack, nodes[CONTROLLER])
-        reset(stack, nodes[CONTROLLER])
+        disable(stack, nodes)
+        reset(stack, nodes)
         for node in (REFERENCE, CONTROLLER, INJECTOR):
             assert not [key for key in stack.health[node] if key.startswith("refused")], node
         for topic, readers in READERS.items():
