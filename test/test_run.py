@@ -47,6 +47,7 @@ def test_a_run_and_the_loop_in_process_agree_to_the_last_bit(recorded_bag):
 long = pytest.mark.long
 # Overlays, what is changed, and for how many seconds it flies.
 HARDWARE = {
+    # As test_what_visitors_do_is_on_record_and_is_flown_again has it in every run, by its replay.
     "thrusters": ("thrusters", {"thrusters.fuel": 5e-5}, 1.0),
     # In orbit the injector waits for the truth, which the plant then sends; as
     # test_the_allocators_node_gives_the_bits_of_the_loop has it in every run.
@@ -66,9 +67,8 @@ HARDWARE = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", ["thrusters", *(pytest.param(name, marks=long) for name in list(HARDWARE)[1:])]
-)
+@long
+@pytest.mark.parametrize("name", HARDWARE)
 def test_nodes_and_loop_agree_with_hardware_too(name, tmp_path, start_process):
     overlays, given, seconds = HARDWARE[name]
     files = [*(PAPER.with_name(f"{each}.yaml") for each in overlays.split()), tmp_path / "own.yaml"]

@@ -29,7 +29,7 @@ import pytest
 import rclpy
 from conftest import StartProcess
 from peer import node_apart
-from process_helpers import LOOP, PATIENCE, Node, Run, end_all, pace, until
+from process_helpers import LOOP, PAPER, PATIENCE, Node, Run, end_all, pace, until
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
@@ -58,6 +58,8 @@ from ppc_attitude.science.stamps import stamp_of
 pytestmark = pytest.mark.ros
 long = pytest.mark.long
 GOALS = "/**/reference_generator:\n  ros__parameters:\n    mode: goal\n"
+# So that the thrusters, which no other quick test flies through nodes, come to their end.
+LITTLE_FUEL = "/**:\n  ros__parameters: {thrusters.fuel: 5.0e-5}\n"
 TORQUE = (0.3, -0.2, 0.1)  # [N·m]
 Shown = pytest.CaptureFixture[str]
 
@@ -78,13 +80,15 @@ def test_what_visitors_do_is_on_record_and_is_flown_again(
     monkeypatch: pytest.MonkeyPatch,
     capfd: Shown,
 ) -> None:
-    free = mode == "--realtime"
+    free, fuel = mode == "--realtime", tmp_path / "fuel.yaml"
+    fuel.write_text(LITTLE_FUEL)
     weak = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     stranger.create_publisher(message_class(TORQUE_COMMAND.msgtype), TORQUE_COMMAND.name, weak)
     run = Run(
         start_process,
         tmp_path / "bag",
         *("--duration", "1000"),
+        *(f"--config={file}" for file in (PAPER.with_name("thrusters.yaml"), fuel)),
         *([mode] if free else []),
         overlay=GOALS if free else GOALS + pace(0.5),
     )
@@ -120,6 +124,8 @@ def test_what_visitors_do_is_on_record_and_is_flown_again(
     run.reaches(end + 0.2)
     run.send(signal.SIGINT)
     assert run.ends() == exits.BROKEN
+    assert "[ERROR]" in run.err
+    assert run.err.count("the fuel is used up") == 1
     record = read_run(run.bag)
     assert free or record.missing_messages == 0  # the idle stranger costs nothing
     expect_goal(record)
