@@ -25,7 +25,7 @@ from typing import Any
 
 import pytest
 from conftest import StartProcess
-from peer import Beside, living, node_apart, peer
+from peer import node_apart, peer
 from process_helpers import PAPER, Node, Run, pace
 from rclpy.duration import Duration
 from rclpy.qos import HistoryPolicy, QoSProfile
@@ -43,7 +43,6 @@ from ppc_attitude.contract.topics import (
     REFERENCE,
 )
 from ppc_attitude.nodes.base import BaseNode
-from ppc_attitude.nodes.disturbance_injector import DisturbanceInjector
 from ppc_attitude.nodes.messages import message_class, publisher_of
 from ppc_attitude.nodes.publisher_watch import PublisherWatch
 from ppc_attitude.processes.telling import LINGERS
@@ -89,23 +88,23 @@ def test_a_second_publisher_is_named_ends_and_makes_the_bag_incomplete(
 
 @ros
 def test_a_publisher_whose_stamp_stands_still_is_named_with_what_is_refused(
-    capfd: pytest.CaptureFixture[str],
+    tmp_path: Path, start_process: StartProcess
 ) -> None:
-    unit, said = (0.0, 0.0, 0.0, 1.0), ""
+    injector = Node(start_process, tmp_path, INJECTOR)
+    injector.says("ready")
+    stale, new = (
+        Codec(ATTITUDE).encode(seconds * NANOSECONDS, (0.0, 0.0, 0.0, 1.0)) for seconds in (5, 6)
+    )
     found = "stamp 5.000000 s is out of order; it has several publishers: /peer, /stuck"
-    with living(DisturbanceInjector) as injector, node_apart("stuck") as stuck:
-        beside, publisher = Beside(injector, ATTITUDE), publisher_of(stuck, ATTITUDE)
+    with peer(ATTITUDE) as stack, node_apart("stuck") as stuck:
+        publisher = publisher_of(stuck, ATTITUDE)
 
         def sent_until_told() -> bool:
-            nonlocal said
-            beside.send(ATTITUDE, 6 * NANOSECONDS, unit)
-            publisher.publish(Codec(ATTITUDE).encode(5 * NANOSECONDS, unit))
-            injector.wake()
-            said += capfd.readouterr().err
-            return found in said
+            stack.send(ATTITUDE, new)
+            publisher.publish(stale)
+            return found in injector.err
 
-        beside.until(sent_until_told, found)
-        beside.close()
+        stack.until(sent_until_told, found)
 
 
 @long
