@@ -169,7 +169,7 @@ def loop_nodes(
     pace = LOCKSTEP if mode == "lockstep" else ()
     return {
         name: Node(start_process, folder, name, *(pace if name == PLANT else ()))
-        for name in names or LOOP
+        for name in names
     }
 
 

@@ -224,7 +224,7 @@ def starved(pid: int) -> float:
 
 
 def give_way() -> None:
-    """Let no thread of this process, for which nobody waits, interrupt another.
+    """Let no thread of this process, for which nobody waits, interrupt another of its session.
 
     It gets its share of the processor all the same, and does more at a time.
     """
