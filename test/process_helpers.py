@@ -168,8 +168,7 @@ def loop_nodes(
     warm_up(load([PAPER]))  # once here, instead of in several processes at a time
     pace = LOCKSTEP if mode == "lockstep" else ()
     return {
-        name: Node(start_process, folder, name, *(pace if name == PLANT else ()))
-        for name in names
+        name: Node(start_process, folder, name, *(pace if name == PLANT else ())) for name in names
     }
 
 
