@@ -123,7 +123,7 @@ def test_a_recorder_ends_although_its_stack_runs_on(tmp_path: Path) -> None:
         beside.node.drain(beside.executor)
         sent = next(steps)
     assert beside.node.exit_code == DONE
-    assert 0 < read_run(bag).stamps_ns.size < sent < most
+    assert 0 < read_run(bag).stamps_ns.size <= sent < most
 
 
 def test_a_node_that_is_started_again_is_asked_again(
