@@ -30,6 +30,7 @@ from process_helpers import PAPER
 from synthetic import normal_run
 
 import ppc_attitude
+from ppc_attitude.analysis.drawing import RUN_COLOURS
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.command_line.gain_search import WRITTEN
@@ -280,7 +281,8 @@ def test_the_bar_of_a_run_ends_at_its_end(capsys: pytest.CaptureFixture[str]) ->
     assert "100%" in capsys.readouterr().err
 
 
-def test_one_run_cannot_be_compared(tmp_path: Path, ask: Ask) -> None:
+def test_as_many_runs_are_compared_as_there_are_colours(tmp_path: Path, ask: Ask) -> None:
+    assert len(RUN_COLOURS) == 6
     write_run(normal_run(duration=0.1), tmp_path / "bag")
     refused = ask("compare", tmp_path / "bag", code=BAD_INPUT).err
     assert refused == "error: 1 runs given; allowed: 2 to 6\n"

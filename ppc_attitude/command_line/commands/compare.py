@@ -17,8 +17,6 @@
 import argparse
 import sys
 
-from ppc_attitude.analysis.comparison import comparisons_of
-from ppc_attitude.analysis.drawing import RUN_COLOURS, save_all
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.bags.reader import read_runs
 from ppc_attitude.command_line.options import (
@@ -44,7 +42,7 @@ EXAMPLES = (
     "ppc_attitude compare bags/comparison",
     "ppc_attitude compare bags/one bags/two bags/three --report comparison.html",
 )
-_MOST = len(RUN_COLOURS)
+_MOST = 6  # runs, for each has a colour of its own
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -75,6 +73,9 @@ def execute(arguments: argparse.Namespace) -> int:
     judged = [Verdict(record, required) for record in records]
     print("\n\n".join(map(verdict_table, judged)))
     if arguments.figures:
+        from ppc_attitude.analysis.comparison import comparisons_of
+        from ppc_attitude.analysis.drawing import save_all
+
         drawn = comparisons_of(judged)
         for path in save_all(drawn, arguments.figures, arguments.figure_format):
             print(f"figure: {path}")
