@@ -32,11 +32,13 @@ from numba.core import caching, config
 from ppc_attitude.science import kernel
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import CacheFile, Matrix, Vector
+from ppc_attitude.science.kinds import all_components
+from ppc_attitude.science.part import entry_point
 
 PACKAGE = Path(kernel.__file__).parent.parent
 
-component = st.floats(-1e3, 1e3)
-vectors = st.tuples(component, component, component)
+number = st.floats(-1e3, 1e3)
+vectors = st.tuples(number, number, number)
 matrices = st.tuples(vectors, vectors, vectors)
 
 
@@ -180,6 +182,20 @@ print(early, numba.njit(lambda a: numpy.dot(a, a))(numpy.ones((2, 2)))[0, 0])
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stdout == "False 2.0\n", done.stderr
+
+
+def test_machine_code_is_loaded_without_what_numba_compiles_with(tmp_path: Path) -> None:
+    """Each step all the same: LLVM ends a process whose machine code lacks a symbol."""
+    for component in all_components():
+        entry_point(component)
+    code = (
+        "import sys\n"
+        "from ppc_attitude.science.kinds import all_components\n"
+        "from ppc_attitude.science.part import entry_point\n"
+        "print(all(entry_point(each).address for each in all_components()))\n"
+        "print('numba.np.random.legacy' in sys.modules)\n"
+    )
+    assert printed(code, tmp_path, PYTHONPATH=str(PACKAGE.parent)) == "True\nFalse\n"
 
 
 @pytest.mark.parametrize("code", [_COMMAND, pytest.param(_NODE, marks=pytest.mark.ros)])

@@ -24,7 +24,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, cast
 
@@ -33,6 +33,7 @@ from numba import types
 from numba.core import caching, cgutils
 from numba.core import config as _numba_config
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.runtime.nrt import rtsys
 from numba.extending import intrinsic
 
 from ppc_attitude.science.errors import ConfigurationError
@@ -123,9 +124,26 @@ class _Unopened(caching.NullCache):
 
     def load_overload(self, *asked: Any) -> Any:
         """Open the cache, and look there."""
-        with cache_of(self._compiled.__module__):
-            self._compiled.enable_caching()
+        open_cache(self._compiled, self._compiled.__module__)
         return self._compiled._cache.load_overload(*asked)
+
+
+def open_cache(compiled: Any, module: str) -> None:
+    """Let a function of a module be looked up in the cache of the package.
+
+    Numba would first import all that it compiles with, a hundred modules, which took half the time
+    in which a command starts. Machine code of ours needs no more than Numba's runtime; that of
+    somebody else may need what an extension of Numba brings.
+    """
+    with cache_of(module):
+        compiled.enable_caching()
+    if module.partition(".")[0] == _PACKAGE.name:
+        compiled._cache.load_overload = partial(_load, compiled._cache)
+
+
+def _load(cache: Any, signature: Any, target: Any) -> Any:
+    rtsys.initialize(target)
+    return cache._load_overload(signature, target)
 
 
 @contextmanager

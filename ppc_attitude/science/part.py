@@ -41,7 +41,7 @@ from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.given import misfit, misfit_text, rules_of
 from ppc_attitude.science.hooks import Advice
-from ppc_attitude.science.kernel import OPTIONS, cache_of, carray, pointer_to
+from ppc_attitude.science.kernel import OPTIONS, carray, open_cache, pointer_to
 from ppc_attitude.science.stamps import seconds
 
 _OPTIONS = {**OPTIONS, "boundscheck": False}
@@ -61,10 +61,10 @@ def _compiled(key: str) -> Any:
     read, given = component.input_record, component.output_record
     taken = tuple(map(from_dtype, (read, component.state, component.configuration, given)))
     compiled: Any = CFunc(function, (taken, types.void), {}, _OPTIONS)
-    with cache_of(step.__module__), warnings.catch_warnings():
+    open_cache(compiled, step.__module__)
+    with warnings.catch_warnings():
         # The outputs of all laws begin alike, so what writes them for one may serve another.
         warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
-        compiled.enable_caching()
         # Numba looks a closure up in its cache by the values that it encloses. A kernel is another
         # object in every process, but a key is the same in all.
         compiled._cache._index_key = lambda signature, codegen: (key, codegen.magic_tuple())
