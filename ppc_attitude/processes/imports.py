@@ -17,27 +17,23 @@
 Packages that read settings from the folder where the user stands are imported from another one: a
 `matplotlibrc` there could start LaTeX, a `.numba_config.yaml` choose what is compiled, and either
 be a FIFO that never ends. OpenBLAS, which NumPy and SciPy load a copy of each, starts no threads:
-our matrices are small, and its threads took a sixth of the processor time of a node's start. Numba
-looks for a BLAS when it begins to work, which imports SciPy for 0.3 s; here it looks for one when
-a kernel first needs it, as Numba does anyway.
+our matrices are small, and its threads took a sixth of the processor time of a node's start.
 """
 
 import os
 import sys
 from collections.abc import Callable, MutableMapping, Sequence
 from functools import partial
-from importlib import import_module
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from types import ModuleType
-from typing import TypeAlias
 
-_Execute: TypeAlias = Callable[[ModuleType], None]
+_READ_SETTINGS = ("matplotlib", "numba")
 # An empty entry of these means the current folder: for programs, modules and libraries.
 _SEARCHED = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH")
 
 
-def _execute_elsewhere(execute: _Execute, module: ModuleType) -> None:
+def _execute_elsewhere(execute: Callable[[ModuleType], None], module: ModuleType) -> None:
     here = os.open(".", getattr(os, "O_PATH", os.O_RDONLY))
     try:
         os.chdir(os.sep)
@@ -47,23 +43,6 @@ def _execute_elsewhere(execute: _Execute, module: ModuleType) -> None:
     finally:
         os.fchdir(here)
         os.close(here)
-
-
-def _execute_without_blas(execute: _Execute, module: ModuleType) -> None:
-    linalg = vars(import_module("numba.np.linalg"))
-    look = linalg.get("ensure_blas")
-    linalg["ensure_blas"] = lambda: None
-    try:
-        execute(module)
-    finally:
-        linalg["ensure_blas"] = vars(module)["ensure_blas"] = look
-
-
-_EXECUTED: dict[str, Callable[[_Execute, ModuleType], None]] = {
-    "matplotlib": _execute_elsewhere,
-    "numba": _execute_elsewhere,
-    "numba.np.arraymath": _execute_without_blas,
-}
 
 
 def prepare_imports() -> None:
@@ -78,10 +57,10 @@ class _Finder(PathFinder):
         cls, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         """Find one of these modules; leave the others to other finders."""
-        ours = _EXECUTED.get(fullname)
-        spec = super().find_spec(fullname, path, target) if ours else None
-        if ours and spec is not None and spec.loader is not None:
-            vars(spec.loader)["exec_module"] = partial(ours, spec.loader.exec_module)
+        spec = super().find_spec(fullname, path, target) if fullname in _READ_SETTINGS else None
+        if spec is not None and spec.loader is not None:
+            execute = partial(_execute_elsewhere, spec.loader.exec_module)
+            vars(spec.loader)["exec_module"] = execute
         return spec
 
 

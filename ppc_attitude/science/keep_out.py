@@ -309,7 +309,8 @@ def route(
             previous = _search(nodes, root, cones, directions, limits)
             previous[root] = 0
             # The goal was not reached from these: none need be tried as a way out again.
-            tried |= previous >= 0
+            for i in range(len(nodes)):
+                tried[i] |= previous[i] >= 0
     count, i = 0, len(nodes) - 1
     while i != 0:
         count, i = count + 1, previous[i]

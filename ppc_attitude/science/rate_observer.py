@@ -33,7 +33,6 @@ from typing import Any
 
 import numba
 import numpy as np
-from numba import literal_unroll
 
 from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import Component
@@ -46,11 +45,13 @@ from ppc_attitude.science.kernel import (
     Vector,
     add,
     bounded,
+    carray,
     clamp,
     divide,
     kernel,
     matrix,
     multiply,
+    pointer_to,
     quaternion,
     scale,
     store,
@@ -203,12 +204,12 @@ def compensate(observer: Any, memory: Any, torque: Vector) -> Vector:
 def _step_of(law: Component) -> Any:
     """Step of a law behind the observer."""
     step, unarmed = kernel_of(law), np.zeros((), law.state)[()]
-    names = tuple(column.name for column in law.outputs)
+    count = law.output_record.itemsize // 8
 
     def observed(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         if quaternion(inputs.attitude) == NO_ATTITUDE:
-            for name in literal_unroll(names):  # nothing is known of its errors
-                outputs[name][:] = 0.0
+            # Nothing is known of its errors.
+            carray(pointer_to(outputs), count, np.float64)[:] = 0.0
             state.observer.started = 0.0  # its last torque does not act over the gap
             state.observer.blind = 1.0
             return

@@ -278,8 +278,10 @@ def pulses(impulse: Vector, craft: Any, on_time: Any) -> Vector:
     What is asked beyond a whole period is not left: it would pile up while too much is asked.
     """
     least_fuel(impulse, craft, on_time)
-    period = craft.period / craft.rate
-    share = period / max(on_time.max(), period)
+    longest = period = craft.period / craft.rate
+    for j in range(craft.count):
+        longest = max(longest, on_time[j])
+    share = period / longest
     left = scale(share, impulse)
     for j in range(craft.count):
         on_time[j] = admitted(share * on_time[j], craft)

@@ -277,7 +277,9 @@ def plan_to(t: float, frame: int, attitude: Quaternion, guidance: Any, state: An
         if outcome == ACCEPTED:
             return ACCEPTED
         arrival = trial.end
-    changes = frame != INERTIAL or (guidance.cones.kind == EARTH).any()  # the Sun hardly moves
+    changes = frame != INERTIAL
+    for i in range(guidance.cones.count):
+        changes |= guidance.cones.kind[i] == EARTH  # the Sun hardly moves
     for ahead in (False, True):
         _aim(t, frame, attitude, trial, guidance, state)
         outcome = _detour(t, arrival, ahead, trial, motion, guidance, state)

@@ -23,7 +23,7 @@ from ppc_attitude.science.guidance.frames import GROUND, LEAST_SINE, elevation_s
 from ppc_attitude.science.guidance.plan import plan_motion
 from ppc_attitude.science.guidance.sight import crossing, directions_at
 from ppc_attitude.science.keep_out import CONES, MOST_CONES, cones_around
-from ppc_attitude.science.kernel import kernel
+from ppc_attitude.science.kernel import kernel, vector
 from ppc_attitude.science.parameter import record_type
 
 HORIZON = 60.0  # [s] a cone is warned of so long before it is entered
@@ -51,19 +51,28 @@ def begin_watch(t: float, inside: int, watch: Any) -> None:
 
 
 @kernel
+def _are_equal(a: Any, b: Any) -> bool:
+    """True if two sets of cones are the same."""
+    if a.count != b.count:
+        return False
+    for i in range(a.count):
+        if (
+            a.kind[i] != b.kind[i]
+            or a.half_angle[i] != b.half_angle[i]
+            or vector(a.body_axis[i]) != vector(b.body_axis[i])
+            or vector(a.direction[i]) != vector(b.direction[i])
+        ):
+            return False
+    return True
+
+
+@kernel
 def _known(t: float, cones: Any, watch: Any) -> int:
     """Bits of the cones that are warned of; what was seen of cones that have changed is forgotten.
 
     They change in flight with their parameters.
     """
-    seen = watch.cones
-    if (
-        seen.count == cones.count
-        and (seen.body_axis == cones.body_axis).all()
-        and (seen.kind == cones.kind).all()
-        and (seen.direction == cones.direction).all()
-        and (seen.half_angle == cones.half_angle).all()
-    ):
+    if _are_equal(watch.cones, cones):
         return int(watch.bits & (_BELOW - 1))
     watch.cones = cones
     watch.seen = t

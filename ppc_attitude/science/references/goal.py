@@ -205,6 +205,19 @@ def obey(order: Any, guidance: Any, state: Any) -> None:
 
 
 @kernel
+def _before(stamp_ns: int, orders: Any) -> int:
+    """Count the orders before an instant [ns]; they are sorted by time."""
+    low, high = 0, orders.size
+    while low < high:
+        middle = (low + high) // 2
+        if orders[middle].stamp_ns < stamp_ns:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@kernel
 def step(inputs: Any, state: Any, guidance: Any, outputs: Any) -> None:
     """Take the orders that have come, and give q_d, ω_d [rad/s] and ω_d' [rad/s²].
 
@@ -219,8 +232,8 @@ def step(inputs: Any, state: Any, guidance: Any, outputs: Any) -> None:
         store(outputs.reference_angular_acceleration, ZERO)
         return
     orders = array_at(guidance.address, guidance.orders, ORDER)
-    first = np.searchsorted(orders["stamp_ns"], state.open_ns)
-    due = np.searchsorted(orders["stamp_ns"], inputs.stamp_ns + 1)
+    first = _before(state.open_ns, orders)
+    due = _before(inputs.stamp_ns + 1, orders)
     for i in range(first, due):
         obey(orders[i], guidance, state)
     state.obeyed += due - first
