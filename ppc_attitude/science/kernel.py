@@ -131,9 +131,9 @@ class _Unopened(caching.NullCache):
 def open_cache(compiled: Any, module: str) -> None:
     """Let a function of a module be looked up in the cache of the package.
 
-    Numba would first import all that it compiles with, a hundred modules, which took half the time
-    in which a command starts. Machine code of ours needs no more than Numba's runtime; that of
-    somebody else may need what an extension of Numba brings.
+    Numba would first import all that it compiles with, two hundred modules, which took a third of
+    the time in which a command starts. Machine code of ours needs no more than Numba's runtime;
+    that of somebody else may need what an extension of Numba brings.
     """
     with cache_of(module):
         compiled.enable_caching()
