@@ -21,6 +21,7 @@ import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -85,16 +86,17 @@ def test_processes_that_save_at_once_get_no_code_of_each_other(tmp_path: Path) -
 def test_threads_that_compile_leave_numbas_setting_as_it_was() -> None:
     """Else compiled code lands where the user stands, and would be executed from there."""
     before, inside = (config.CACHE_DIR, caching.IndexDataCacheFile), threading.Event()
+    second = SimpleNamespace(enable_caching=inside.set, _cache=SimpleNamespace())
 
-    def enter() -> None:
-        with kernel.cache_of(kernel.__name__):
-            inside.set()
+    def enable() -> None:
+        waiting.append(other.submit(kernel.open_cache, second, kernel.__name__))
+        assert not inside.wait(0.2)  # [s] it would take microseconds
 
+    first, waiting = SimpleNamespace(enable_caching=enable, _cache=SimpleNamespace()), []
     with ThreadPoolExecutor(1) as other:
-        with kernel.cache_of(kernel.__name__):
-            second = other.submit(enter)
-            assert not inside.wait(0.2)  # [s] it would take microseconds
-        second.result()
+        kernel.open_cache(first, kernel.__name__)
+        waiting[0].result()
+    assert inside.is_set()
     assert before == (config.CACHE_DIR, caching.IndexDataCacheFile)
 
 

@@ -22,8 +22,8 @@ import hashlib
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, cast
@@ -129,43 +129,29 @@ class _Unopened(caching.NullCache):
 
 
 def open_cache(compiled: Any, module: str) -> None:
-    """Let a function of a module be looked up in the cache of the package.
+    """Let a compiled function of a module have its cache in the folder of the module's package.
 
-    Numba would first import all that it compiles with, two hundred modules, which took a third of
-    the time in which a command starts. Machine code of ours needs no more than Numba's runtime;
-    that of somebody else may need what an extension of Numba brings.
-    """
-    with cache_of(module):
-        compiled.enable_caching()
-    if module.partition(".")[0] == _PACKAGE.name:
-        compiled._cache.load_overload = partial(_load, compiled._cache)
-
-
-def _load(cache: Any, signature: Any, target: Any) -> Any:
-    rtsys.initialize(target)
-    return cache._load_overload(signature, target)
-
-
-@contextmanager
-def cache_of(module: str) -> Iterator[None]:
-    """Let what is decorated inside be cached in the folder of a module's package.
-
-    Numba reads its process-wide settings when it decorates, so they are put back at once, and
+    Numba reads its process-wide settings when it opens a cache, so they are put back at once, and
     functions of somebody else's are cached where they belong. Where the folder cannot be written,
     Numba falls back to the user's own. Threads do this one after the other, or one would put back
     what the other has set, and Numba would write to the folder where the user stands.
+
+    Before it looks into a cache, Numba imports all that it compiles with, two hundred modules,
+    which took a third of the time in which a command starts. Machine code of ours needs no more
+    than its runtime; that of somebody else may need what an extension of Numba brings.
 
     Raises
     ------
     ConfigurationError
         Numba finds no folder that it can write to.
     """
-    folder = _cache_folder(module.partition(".")[0])
+    package = module.partition(".")[0]
+    folder = _cache_folder(package)
     with global_compiler_lock:
         before = _SETTINGS.CACHE_DIR, _CACHING.IndexDataCacheFile
         _SETTINGS.CACHE_DIR, _CACHING.IndexDataCacheFile = folder, CacheFile
         try:
-            yield
+            compiled.enable_caching()
         except RuntimeError as error:
             if not str(error).startswith("cannot cache function"):
                 raise
@@ -175,6 +161,13 @@ def cache_of(module: str) -> Iterator[None]:
             ) from None
         finally:
             _SETTINGS.CACHE_DIR, _CACHING.IndexDataCacheFile = before
+    if package == _PACKAGE.name:
+        compiled._cache.load_overload = partial(_load, compiled._cache)
+
+
+def _load(cache: Any, signature: Any, target: Any) -> Any:
+    rtsys.initialize(target)
+    return cache._load_overload(signature, target)
 
 
 def kernel(function: _Function) -> _Function:

@@ -312,7 +312,7 @@ class Part:
     def raised(self) -> str:
         """What a step that has failed does when it is taken again; empty if it says nothing.
 
-        Where it runs by its address its words are lost (`_step_of`). One that has read numbers that
+        Where it runs by its address its words are lost (`_guarded`). One that has read numbers that
         are not finite has failed by those.
         """
         given = self._given.unpack_from(self._memory, self._given_at)
