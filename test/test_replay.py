@@ -135,6 +135,13 @@ def test_what_cannot_be_replayed_is_named_with_the_reason() -> None:
     assert [*replay(noisy).left_out] == lacks, "what was told with noise is not the truth"
 
 
+def test_a_motion_is_not_integrated_from_1970_to_the_stamps_of_the_wall_clock() -> None:
+    record = simulate(scenario({}), 0.1)
+    found = replay(replace(record, stamps_ns=record.stamps_ns + nanoseconds(1.8e9)))
+    assert found.left_out[0].startswith("paper: stamps go on to 1.8e+09 s; allowed: up to 1e+08 s")
+    assert [each.component for each in found.found] == ["ppc", "rigid_body", "direct", "ideal"]
+
+
 def test_instants_without_a_command_on_record_are_skipped() -> None:
     record = simulate(scenario({}), 0.5)
     torque = record["torque_command"].copy()

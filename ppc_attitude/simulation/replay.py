@@ -36,7 +36,7 @@ from ppc_attitude.science.parameter import Value, resolved
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots, check_slots
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TOLD, TORQUE_COMMAND, TRUTH
-from ppc_attitude.science.stamps import LARGEST_STEP, seconds
+from ppc_attitude.science.stamps import LARGEST_STEP, LATEST, seconds
 from ppc_attitude.simulation.closed_loop import by_column
 from ppc_attitude.simulation.diagram import play
 
@@ -168,6 +168,10 @@ def _see_that_it_can_be_played(
     needed = (*component.inputs, *(each for each in compared if not each.late))
     if absent := [each.topic for each in needed if each.name not in columns]:
         raise ConfigurationError(f"no messages of {', '.join(absent)}")
+    if not component.inputs and (last := seconds(int(record.stamps_ns[-1]))) > LATEST:
+        raise ConfigurationError(  # it may integrate from zero to the stamp
+            f"stamps go on to {last:g} s; allowed: up to {LATEST:g} s from the run's begin"
+        )
     waits = record.parameters.get(PLANT, {}).get("lockstep", False)
     if NODE_OF[kind.name] == PLANT and kind is not SENSORS and not waits:
         raise ConfigurationError(
