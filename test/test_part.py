@@ -26,7 +26,7 @@ from ppc_attitude.runtime.chain import Chain
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.environments import orbit
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.hooks import Advice
+from ppc_attitude.science.hooks import Advice, named
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.part import Part, configured, first_raised
@@ -264,3 +264,11 @@ def test_a_hook_that_raises_is_told_with_its_node_before_anything_runs(
     told = f"^{INJECTOR}: component mine: {hook} raised "
     with pytest.raises(ConfigurationError, match=told):
         check_components(INJECTOR, {})
+
+
+def test_numbers_that_are_none_are_refused_where_the_component_gives_them() -> None:
+    """Only the nodes send them: a run ended in a traceback that the loop knew nothing of."""
+    for numbers in ({"a": "b"}, {"a": None}, {3: 1.0}):
+        given = Advice("", False, numbers=numbers)  # type: ignore[arg-type]
+        with pytest.raises(ConfigurationError, match="component mine: advice raised"):
+            named("mine", "advice", lambda _, given=given: given)(None)

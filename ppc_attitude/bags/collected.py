@@ -173,11 +173,8 @@ class Collected:
             (name, f"{n} messages of {name} are read as if in its frame: {why}")
             for name, (n, why) in self._strange.items()
         ]
-        told = [
-            text
-            for name, text in found
-            if name.startswith(f"{namespace}/") or name in self._names.values()
-        ]
+        names = {f"{namespace}/{topic.name}" for topic in SAMPLED} | {*self._names.values()}
+        told = [text for name, text in found if name in names]
         told += dict.fromkeys(self._notes)  # one message may be read for two topics
         self._notes = []
         return told

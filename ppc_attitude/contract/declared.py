@@ -105,20 +105,25 @@ def _merged() -> dict[str, Topic]:
     """
     found = {topic.column: topic for topic in STANDARD}
     bounded: dict[str, str] = {}
-    warn_of_unknown_groups()
-    for kind, component in ours_first(kind for kinds in HOSTED.values() for kind in kinds):
+    components = ours_first(kind for kinds in HOSTED.values() for kind in kinds)
+    for kind, component in components:
         given = [topic_of(column, NODE_OF[kind.name]) for column in component.outputs]
-        read = [topic_of(column, "") for column in component.inputs if column.name in found]
-        problem = _problem([*given, *read], found) or _unbounded(component, given, found, bounded)
+        problem = _problem(given, found) or _unbounded(component, given, found, bounded)
         if problem:
             kind.leave_out(component.name, problem)
         else:
             for topic in given:
                 found.setdefault(topic.column, topic)
             bounded.update({each.bound: each.name for each in component.outputs if each.bound})
+    for kind, component in components:  # a plant may read what the law gives
+        read = [topic_of(column, "") for column in component.inputs if column.name in found]
+        if problem := _problem(read, found):
+            kind.leave_out(component.name, problem)
+            return _merged()  # without what it gives
     return found
 
 
+warn_of_unknown_groups()
 BY_COLUMN = _merged()
 SAMPLED = tuple(BY_COLUMN.values())
 TOPICS = SAMPLED + EVENTS

@@ -80,6 +80,7 @@ JOINTS = {
 }
 """Forms of a column that has a number for each part of a sort."""
 _TOPIC = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
+_LONGEST_TOPIC = 150  # DDS takes 247, with the namespace
 _WIDTHS = {
     QUATERNION: (4,),
     VECTOR: (1, 2, 3),
@@ -136,10 +137,12 @@ class Column:
 
     def __post_init__(self) -> None:
         """Refuse what no record or no topic can have."""
-        if not self.name.isidentifier() or not _TOPIC.fullmatch(self.topic):
+        fits = self.name.isidentifier() and _TOPIC.fullmatch(self.topic)
+        if not fits or len(self.topic) > _LONGEST_TOPIC:
             raise ValueError(
                 f"column {self.name!r} with topic = {self.topic!r}; allowed: a name of letters, "
-                "digits and _, and a relative topic of such names with / between them"
+                "digits and _, and a relative topic of such names with / between them, "
+                f"{_LONGEST_TOPIC} characters at most"
             )
         told = (self.frame, self.unit, self.meaning)
         if not all(told) or "$" in "".join(told):  # figures would take it for mathematics
@@ -261,7 +264,7 @@ class Component:
                     "numbers"
                 )
         for parameter in self.parameters:
-            parameter.checked(parameter.default)
+            parameter.demand_declarable()
         unknown = set(self.limits) - set(self.defaults)
         if unknown:
             raise ValueError(

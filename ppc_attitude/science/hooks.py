@@ -55,7 +55,9 @@ class Advice(NamedTuple):
 def _advice(given: Any) -> Advice:
     if not isinstance(given, Advice) or not isinstance(given.text, str):
         raise TypeError(f"{given!r}; allowed: an Advice with a text")
-    return given
+    if not all(isinstance(name, str) for name in given.numbers):
+        raise TypeError(f"numbers = {given.numbers!r}; allowed: a number for each name")
+    return given._replace(numbers={name: float(n) for name, n in given.numbers.items()})
 
 
 def _parts(given: Any) -> dict[str, Any]:

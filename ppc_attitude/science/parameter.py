@@ -16,6 +16,7 @@
 
 import json
 import math
+import re
 import sys
 from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
@@ -31,6 +32,8 @@ from ppc_attitude.science.errors import ConfigurationError
 Value: TypeAlias = bool | int | float | str | list[Any]
 LARGEST = 1e30
 """No number of a craft is larger: products of several such numbers are still finite."""
+_LARGEST_INTEGER = 2**63 - 1
+_NAME = re.compile(r"[A-Za-z_]\w*(\.\w+)*", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,12 @@ class Parameter:
     above: float = -math.inf
     switch: Mapping[bool, str] = field(default_factory=dict)
     agreed: bool = False
+
+    def __post_init__(self) -> None:
+        """Limit an integer to those of ROS."""
+        if isinstance(self.default, int):
+            object.__setattr__(self, "low", max(self.low, -_LARGEST_INTEGER))
+            object.__setattr__(self, "high", min(self.high, _LARGEST_INTEGER))
 
     @property
     def field(self) -> tuple[Any, ...]:
@@ -137,6 +146,25 @@ class Parameter:
             yield f"≥ {exact_text(self.low)}"
         if math.isfinite(self.high):
             yield f"≤ {exact_text(self.high)}"
+
+    def demand_declarable(self) -> None:
+        """See that a node can declare it: one declares the parameters of all that it might run.
+
+        Raises
+        ------
+        ConfigurationError
+            The default is none that is allowed.
+        ValueError
+            Name, description or unit is none.
+        """
+        texts = (self.name, self.description, self.unit)
+        if not all(isinstance(each, str) for each in texts) or not _NAME.fullmatch(self.name):
+            raise ValueError(
+                f"parameter {self.name!r} with description = {self.description!r}, unit = "
+                f"{self.unit!r}; allowed: a name of letters, digits and _, in groups with . "
+                "between them, and texts"
+            )
+        self.checked(self.default)
 
     def checked(self, value: Any) -> Value:
         """Return the value in the parameter's own type.

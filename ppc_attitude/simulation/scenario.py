@@ -265,11 +265,11 @@ def _check_agreement(parameters: Overrides) -> None:
 
 def _check_allocation(parameters: Overrides) -> None:
     """See that the actuator takes what an allocator is to send it."""
-    read = components_of(PLANT, parameters[PLANT])
+    read = {each.name for part in components_of(PLANT, parameters[PLANT]) for each in part.inputs}
     for component in components_of(ALLOCATOR, parameters[ALLOCATOR]):
         for column in component.outputs:
             takers = [name for name, each in ACTUATORS.components.items() if column in each.inputs]
-            if takers and not any(column in each.inputs for each in read):
+            if takers and column.name not in read:
                 would = " or ".join(f"{ACTUATORS.selector} = {name}" for name in takers)
                 raise ConfigurationError(
                     f"{ALLOCATOR}: {component.name} gives {column.name}, which no selected "

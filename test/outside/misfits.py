@@ -148,6 +148,12 @@ MADE: dict[str, Callable[[], Component]] = {
     "two": lambda: with_parameters(LAW, Parameter("z", 3, "x"), Parameter("z", 4.0, "x")),
     "no_default": lambda: with_parameters(LAW, Parameter("z", None, "x")),  # type: ignore[arg-type]
     "beyond": lambda: with_parameters(LAW, Parameter("z", 3, "x", high=1)),
+    "vast": lambda: with_parameters(LAW, Parameter("z", 2**70, "x")),
+    "unnamed_number": lambda: with_parameters(LAW, Parameter("", 3, "x")),
+    "undescribed": lambda: with_parameters(LAW, Parameter("z", 3, None)),  # type: ignore[arg-type]
+    "far": lambda: with_column(LAW, topic="m" * 151),
+    "giver": lambda: with_column(LAW, name="asked", topic="asked"),
+    "reader": lambda: replace(PLANT, inputs=(*PLANT.inputs, ASKED)),
     "of_objects": lambda: replace(LAW, state=np.dtype([("z", object)])),
     "of_money": lambda: with_column(LAW, unit="$"),
     "of_no_unit": lambda: with_column(LAW, unit=""),
@@ -186,6 +192,9 @@ MADE: dict[str, Callable[[], Component]] = {
         name="", inputs=(REFERENCE_ATTITUDE,), outputs=(TORQUE_COMMAND,), step=step_blind
     ),
 }
+
+
+ASKED = Column("asked", "asked", VECTOR, BODY, "m", "what a law gives, in another unit")
 
 
 NAMES: dict[str, Any] = {"numbered": 5, "unlabelled": "", "ours": "ppc", "again": "other_column"}
