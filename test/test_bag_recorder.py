@@ -28,6 +28,7 @@ from peer import Beside, living, peer
 from process_helpers import Node, end_all, until
 from rcl_interfaces.srv import ListParameters
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.contract.cdr import Codec
@@ -172,6 +173,17 @@ def test_a_recorder_that_was_told_the_law_knows_which_of_its_columns_never_came(
         beside.node.drain(beside.executor)
     assert "control/attitude_error never came" in beside.node.failure
     assert beside.node.exit_code == BROKEN
+
+
+def test_a_recorder_listens_to_whoever_a_node_of_the_run_listens_to(tmp_path: Path) -> None:
+    """A plant waited for it, and it knew nobody of that name: both waited for ever."""
+    with recorder_into(tmp_path / "bag") as beside:
+        plant, own = rclpy.create_node(PLANT), rclpy.create_node("own")
+        plant.create_subscription(Clock, "motors/asked", lambda _: None, 1)
+        sent = own.create_publisher(Clock, "motors/asked", 1)
+        beside.until(lambda: beside.node.wake() > 0.0 and sent.get_subscription_count() == 2)
+        for node in (plant, own):
+            node.destroy_node()
 
 
 def test_a_recorder_counts_the_messages_of_its_bag_however_it_took_them(

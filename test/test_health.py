@@ -341,6 +341,20 @@ def test_a_disabled_controller_says_so_and_blames_no_disturbance(
         assert answer.message == told
 
 
+def test_a_controller_that_is_told_no_attitude_any_more_says_so(
+    admit: Callable[..., Patient], capfd: pytest.CaptureFixture[str]
+) -> None:
+    patient, nothing = admit(PpcController), (0.0, 0.0, 0.0, 0.0)
+    told = "attitude is zero, which is none: zero torque"
+    for step, attitude in ((0, nothing), (100, UNIT), (200, nothing), (300, UNIT)):
+        patient.feed(step, attitude=attitude)
+        patient.says(OK if any(attitude) else WARN, "running" if any(attitude) else told)
+        patient.said.clear()
+    said = capfd.readouterr().err
+    assert said.count(told) == said.count(f"{told} from t = 2.000 s on") == 1
+    assert "attitude is back from t = 3.000 s on" in said
+
+
 def test_the_injector_counts_what_it_takes_and_warns_of_what_it_refuses(
     admit: Callable[..., Patient],
 ) -> None:

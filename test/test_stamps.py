@@ -125,6 +125,15 @@ def test_a_complete_instant_ends_those_before_it_and_none_after_it():
     assert instant.add("b", 3, (1.0,)) is not None
 
 
+def test_a_repeated_instant_that_the_next_one_overtakes_is_dropped():
+    """It was completed after that, and refused as out of order."""
+    instant = Instant(["a", "b"])
+    for name, stamp in (("a", 0), ("b", 0), ("b", 1), ("a", 0), ("a", 1)):
+        complete = instant.add(name, stamp, (0.0,)) is not None
+    assert complete
+    assert instant.add("b", 0, (0.0,)) is None
+
+
 def test_messages_that_do_not_pair_lack_each_other():
     instant = Instant(["a", "b"])
     instant.add("a", 0, (0.0,))

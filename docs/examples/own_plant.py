@@ -68,8 +68,8 @@ class OwnPlant(Node):
         )
         middle = [a + 0.5 * self.h * b for a, b in zip(self.q, rates, strict=True)]
         self.q = [each / math.hypot(*middle) for each in middle]
-        self.publish()
         self.k += 1
+        self.publish()
 
     def publish(self) -> None:
         """Send the state: one stamp for both messages, x y z w, body axes."""

@@ -260,6 +260,9 @@ class BagRecorder(BaseNode):
         for full, (home, topic, _) in self._ears.items():
             if topic.column and self.count_publishers(full) > 1:
                 self._recordings[home].see(topic.name, publishing_nodes(self, full), self._now)
+        for home, recording in self._recordings.items():
+            lacking = ", ".join(recording.missing(self._graph.awaited[home]))
+            self.say_waiting(self._born, partial(str, lacking and f"waiting for {lacking}"))
         while runs and self._incompatible:
             self._take_less(self._incompatible.pop())
 
@@ -304,7 +307,7 @@ class BagRecorder(BaseNode):
             ears = tuple(self._ears.values())
             heard = self._lively = [ear for ear in ears if take_gathered(ear.subscription)]
         for home, recording in self._recordings.items():
-            stamp = recording.progress()
+            stamp = recording.progress(self._graph.awaited[home])
             if stamp is not None:
                 self._progress[home].publish(encode_clock(stamp))
         if heard:

@@ -32,6 +32,7 @@ from ppc_attitude.contract.topics import (
     OF_A_RUN,
     PARAMETER_EVENTS_TOPIC,
     RECORDER,
+    STANDARD,
     Topic,
 )
 from ppc_attitude.nodes.executors import new_executor
@@ -40,7 +41,7 @@ from ppc_attitude.nodes.parameters import NodeParameters
 from ppc_attitude.nodes.publisher_watch import PublisherWatch, node_of, publishing_nodes
 from ppc_attitude.processes.exits import BROKEN, DONE
 from ppc_attitude.processes.telling import LINGERS, WAITING, tell, tell_broken
-from ppc_attitude.runtime.health import ERROR, OK, Health, Status
+from ppc_attitude.runtime.health import ERROR, OK, STALE, Health, Status
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.parameter import Value
@@ -172,6 +173,8 @@ class BaseNode(Node):
         read = Inbox(topic).read
 
         def receive(data: bytes) -> None:
+            if self.waits:
+                return
             try:
                 sample = read(data)
                 handle(sample.stamp_ns, sample.values)
@@ -179,7 +182,8 @@ class BaseNode(Node):
                 self.refuse(topic.name, str(reason))
 
         begin = partial(subscribe, self, topic, receive, raw=True)
-        if self.waits:
+        # That a node of the run reads other topics, the recorder learns from the graph alone.
+        if self.waits and topic in STANDARD:
             self._subscribe.append(begin)
         else:
             begin()
@@ -193,8 +197,7 @@ class BaseNode(Node):
             for begin in self._subscribe:
                 begin()
             return 0.0
-        topics = ", ".join(unheard)
-        self.say_waiting(self._born, lambda: f"waiting for {RECORDER} to listen to {topics}")
+        self.say_waiting(self._born, partial(_for_recorder, unheard))
         BaseNode.wake(self)
         return _GRAPH_PERIOD
 
@@ -228,7 +231,7 @@ class BaseNode(Node):
         """
         self.health.refused[kind] += 1
         if self.health.may_log(kind, self.now()):
-            nodes = sorted(set(filter(None, publishing_nodes(self, kind).values())))
+            nodes = sorted(filter(None, publishing_nodes(self, kind).values()))
             named = f"; it has several publishers: {', '.join(nodes)}" if len(nodes) > 1 else ""
             self.get_logger().warning(f"refused {reason}{named}")
 
@@ -285,6 +288,8 @@ class BaseNode(Node):
 
     def _publish_diagnostics(self) -> None:
         status = self.status()
+        if self.waits:
+            status = Status(STALE, _for_recorder(self._unrecorded()), status.details)
         if self._watch.found:
             status = Status(ERROR, self._watch.found, status.details)
         name, said = self.get_fully_qualified_name(), self.health.report(status, self.failure)
@@ -313,3 +318,8 @@ class BaseNode(Node):
                     text = f"{slow} did not take all of {publisher.topic_name}: not waited for"
                     self.get_logger().warning(text)
                     return
+
+
+def _for_recorder(unheard: Sequence[str]) -> str:
+    """Say on which topics a node waits for the recorder."""
+    return f"waiting for {RECORDER} to listen to {', '.join(unheard)}"

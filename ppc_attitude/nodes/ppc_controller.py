@@ -21,13 +21,17 @@ from typing import Any
 
 from std_srvs.srv import SetBool
 
-from ppc_attitude.contract.topics import CONTROLLER, ENABLED, TORQUE_COMMAND
+from ppc_attitude.contract.topics import ATTITUDE, CONTROLLER, ENABLED, TORQUE_COMMAND
 from ppc_attitude.nodes.component_node import ComponentNode
 from ppc_attitude.nodes.running import run_node
-from ppc_attitude.runtime.health import STALE, WARN, Status
+from ppc_attitude.runtime.health import OK, STALE, WARN, Status
 from ppc_attitude.runtime.stamps import Values
+from ppc_attitude.science.hooks import Advice
+from ppc_attitude.science.stamps import seconds
 
 _ZERO = (0.0, 0.0, 0.0)
+_KNOWN = (0.0, 0.0, 0.0, 1.0)
+_NO_ATTITUDE = f"{ATTITUDE.name} is zero, which is none: zero torque"
 _UNSATURATED = "unsaturated_torque"  # of a law that has a limit
 
 
@@ -41,6 +45,7 @@ class PpcController(ComponentNode):
         self._enabled = True
         self._switched = False  # and not yet told
         self._saturated = 0
+        self._sees = self._has_seen = False  # it is told an attitude, and has been
         self.create_service(SetBool, "~/enable", self._on_enable)
 
     def compute(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
@@ -49,6 +54,11 @@ class PpcController(ComponentNode):
             self._switched = False
             self.tell_changes(stamp_ns, {ENABLED: self._enabled})
         outputs = super().compute(stamp_ns, inputs)
+        sees = any(inputs.get(ATTITUDE.column, _KNOWN))
+        if sees != self._sees and self._has_seen:  # a filter needs a while at first
+            text = f"{ATTITUDE.name} is back" if sees else _NO_ATTITUDE
+            self.say_all([Advice(f"{text} from t = {seconds(stamp_ns):.3f} s on", not sees)])
+        self._sees, self._has_seen = sees, self._has_seen or sees
         if not self._enabled:
             # Nobody is told what the law makes of that: it misses the torque, and blames others.
             tuple(self.chain.news())
@@ -79,6 +89,8 @@ class PpcController(ComponentNode):
         status = super().status()
         if not self._enabled and status.level != STALE:
             return Status(WARN, "disabled: zero torque", status.details)
+        if not self._sees and status.level == OK:
+            return Status(WARN, _NO_ATTITUDE, status.details)
         return status
 
 

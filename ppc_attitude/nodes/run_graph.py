@@ -33,6 +33,7 @@ from ppc_attitude.contract.topics import (
     MARKERS_TOPIC,
     OF_A_RUN,
     PARAMETER_EVENTS_TOPIC,
+    PLANT,
     RECORDED_TOPIC,
     RECORDER,
     STANDARD,
@@ -49,9 +50,10 @@ _NAMES = {topic.name for topic in STANDARD}
 class RunGraph:
     """Topics of the nodes of some runs.
 
-    A node is of a run if it has the name of one of ours, or publishes on a topic of the contract or
-    one that the starter has told, in the namespace of the run. The topics between the nodes, and
-    those that the starter has told, have a message at each instant; nobody knows that of others.
+    A node is of a run if it has the name of one of ours, or publishes on a topic of the contract,
+    one that the starter has told, or one that such a node reads, in the namespace of the run. The
+    topics between the nodes, and those that the starter has told, have a message at each instant;
+    nobody knows that of others.
 
     Parameters
     ----------
@@ -67,6 +69,8 @@ class RunGraph:
         Namespace and name of every node of a run that was seen.
     promised : dict of str to set of str
         For each run the topics that must have a message at each instant.
+    awaited : dict of str to set of str
+        Of those that the starter has told, the ones of all nodes but the plant.
     """
 
     def __init__(self, node: Node, told: Mapping[str, Mapping[str, list[str]]]) -> None:
@@ -74,15 +78,28 @@ class RunGraph:
         self._known = {home: set(OF_A_RUN) | nodes.keys() for home, nodes in told.items()}
         self.nodes: set[tuple[str, str]] = set()
         self.promised = {home: set(chain(*nodes.values())) for home, nodes in told.items()}
+        self.awaited = {
+            home: self.promised[home].difference(nodes.get(PLANT, ()))
+            for home, nodes in told.items()
+        }
+        self._read: dict[str, set[str]] = {home: set(_NAMES) for home in told}
 
     def look(self) -> Iterator[tuple[str, Topic]]:
         """Yield every topic that a node of a run publishes now, with the run's namespace."""
-        for name, namespace in set(self._node.get_node_names_and_namespaces()):
-            home = namespace.rstrip("/")
-            if home not in self._known or name == RECORDER:
-                continue
-            topics = dict(self._topics(home, name, namespace))
-            if name in self._known[home] or (_NAMES | self.promised[home]) & topics.keys():
+        found = {
+            (name, namespace, namespace.rstrip("/"))
+            for name, namespace in self._node.get_node_names_and_namespaces()
+            if namespace.rstrip("/") in self._known and name != RECORDER
+        }
+        for name, namespace, home in found:
+            if name in self._known[home]:
+                ask = self._node.get_subscriber_names_and_types_by_node
+                self._read[home].update(dict(self._topics(ask, home, name, namespace)))
+        for name, namespace, home in found:
+            ask = self._node.get_publisher_names_and_types_by_node
+            topics = dict(self._topics(ask, home, name, namespace))
+            shared = self._read[home] | self.promised[home]
+            if name in self._known[home] or shared & topics.keys():
                 self.nodes.add((home, name))
                 for short, msgtype in topics.items():
                     if short in _NAMES:
@@ -90,10 +107,12 @@ class RunGraph:
                     column = short if short in self.promised[home] else ""
                     yield home, Topic(short, msgtype, source=name, column=column)
 
-    def _topics(self, home: str, name: str, namespace: str) -> Iterator[tuple[str, str]]:
-        """Topics of a node in the namespace of the run, without that, and their types."""
+    def _topics(
+        self, ask: Callable[..., Any], home: str, name: str, namespace: str
+    ) -> Iterator[tuple[str, str]]:
+        """Topics that a node has in the namespace of the run, without that, and their types."""
         try:
-            found = self._node.get_publisher_names_and_types_by_node(name, namespace)
+            found = ask(name, namespace)
         except (RuntimeError, InvalidNodeNameException, InvalidTopicNameException):
             return  # it has ended meanwhile
         for topic, types in found:

@@ -259,8 +259,9 @@ class Lockstep(Pace):
 
     def begin(self, now: float) -> None:
         """Begin at time zero."""
-        # Who waited for a recorder counts on it before it tells how far it is: it may be paused.
-        self._recorded = 0 if self.rules.waits else None
+        # Who waited for a recorder leaves no first state before it tells that it has it, with the
+        # answers of every node, be they read by nobody: it, or one of them, may be late.
+        self._recorded = -_LAG - 1 if self.rules.waits else None
         self._factor, self._first = self.rules.factor, 0
         super().begin(now)
 

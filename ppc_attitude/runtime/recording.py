@@ -150,6 +150,7 @@ class Recording:
         self._heard = inf  # when the first message came, by the wall clock [s]
         self._latest: dict[int, None] = {}  # stamps [ns] of the latest states, in their order
         self._unreported = 0
+        self._begun = False  # what is awaited has come since time began
         self._with_state: dict[str, bytes] = {}  # the latest of each topic
 
     @property
@@ -225,6 +226,7 @@ class Recording:
         lane.ended = lane.heard
         lane.stretches.append(_Stretch())
         if name == _LEAD:
+            self._begun = False
             self._latest.clear()
             self._with_state.clear()
 
@@ -305,13 +307,27 @@ class Recording:
         """Leave out what comes of later instants than the newest state."""
         self._end = self.now
 
-    def progress(self) -> int | None:
+    def missing(self, awaited: Iterable[str]) -> list[str]:
+        """Topics of some that have not come since time began, once a state has."""
+        if self._begun or self.now < 0:
+            return []
+        come = {
+            name
+            for name, lane in self._lanes.items()
+            if lane.epoch == self._states.epoch and lane.stretches[-1].count
+        }
+        return sorted({*awaited} - come)
+
+    def progress(self, awaited: Iterable[str] = ()) -> int | None:
         """Newest recorded state [ns], once in a while, so that a plant that waits may go on.
 
-        After a repeated state it is told at once: the plant may have waited for a recorder that
-        was killed, and lets this one, which began later, record no state more.
+        The first time it is told as soon as the topics have come that are awaited. After a repeated
+        state it is told at once: the plant may have waited for a recorder that was killed, and lets
+        this one, which began later, record no state more.
         """
-        if self._unreported < _EVERY:
+        if not self._begun and self.now >= 0 and not self.missing(awaited):
+            self._begun, self._unreported = True, _EVERY
+        if not self._begun or self._unreported < _EVERY:
             return None
         self._unreported = 0
         return self.now

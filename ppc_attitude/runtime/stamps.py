@@ -117,6 +117,7 @@ class Instant:
     def __init__(self, names: Iterable[str]) -> None:
         self._names = tuple(names)
         self._parts: dict[int, dict[str, Values]] = {}
+        self._completed: int | None = None  # the last stamp that was
         self.dropped = 0
         self.waiting_since = 0.0  # [s] when an instant was complete, or the first message came
         self._heard_at = 0.0  # [s]
@@ -127,6 +128,9 @@ class Instant:
         parts[name] = values
         if len(parts) == len(self._names):
             self._forget_until(stamp_ns)
+            if self._completed is not None:  # a repeated one, overtaken by this
+                self._parts.pop(self._completed, None)
+            self._completed = stamp_ns
             return parts
         if len(self._parts) > self.DEPTH:
             # dicts keep insertion order: the first is the one that has waited longest.
