@@ -181,8 +181,8 @@ def _limits(speeds: Any, configuration: Any, state: Any) -> None:
         known = _taken_away(resistance, speeds[i], i, configuration)
         driven = known - resistance
         trace = TRACE * craft.max_torque[i]
-        most = min(craft.max_torque[i] - known, faster - max(driven, 0.0))
-        least = max(-craft.max_torque[i] - known, -slower - min(driven, 0.0))
+        most = min(craft.max_torque[i] - known, faster - driven)
+        least = max(-craft.max_torque[i] - known, -slower - driven)
         state.high[i] = max(most, trace)
         state.low[i] = min(least, -trace)
 
