@@ -79,13 +79,13 @@ def conditions_of(
     ConfigurationError
         A part cannot be as its parameters say.
     """
-    task = _task(scenario, required, q_e)
+    task, (_, most) = _task(scenario, required, q_e), _torques(scenario)
     yield from _of_actuator(scenario, environment, task)
     yield from _of_envelopes(scenario, task)
     for node, values in scenario.parameters.items():
         for component in components_of(node, values):
             yield from component.conditions(values, task)
-    yield from _of_settling(task)
+    yield from _of_settling(task, min(scenario.number(CONTROLLER, MAX_TORQUE.name), most))
     yield from _of_knowledge(scenario, task)
     yield from _of_pulses(scenario, required, task)
 
@@ -128,14 +128,19 @@ def _desired_rate(scenario: Scenario) -> float | None:
 
 
 def actuator_torque(scenario: Scenario) -> float:
-    """Torque per axis [N·m] that the selected actuator gives in any direction.
+    """Torque per axis [N·m] that the selected actuator gives in any direction."""
+    return _torques(scenario)[0]
+
+
+def _torques(scenario: Scenario) -> tuple[float, float]:
+    """Torque on an axis [N·m] that the selected actuator gives in any direction, and at most.
 
     Of one that does not tell it is what the law may ask for.
     """
     plant = scenario.parameters[PLANT]
     actuator = ACTUATORS.selected(plant)
-    torques = actuator.torques(plant) if actuator else None
-    return torques[0] if torques else scenario.number(CONTROLLER, MAX_TORQUE.name)
+    limit = scenario.number(CONTROLLER, MAX_TORQUE.name)
+    return (actuator.torques(plant) if actuator else None) or (limit, limit)
 
 
 def _first_answer(scenario: Scenario, craft: Mapping[str, Any]) -> float:
@@ -168,26 +173,39 @@ def _sigmas(scenario: Scenario) -> Sigmas:
     return Sigmas(0.0, 0.0)
 
 
-def _of_settling(task: Task) -> Iterator[Condition]:
-    """The least time to settle with what the actuator gives."""
+def _of_settling(task: Task, torque: float) -> Iterator[Condition]:
+    """The least time to settle with what the actuator gives on an axis [N·m] at most."""
     if INERTIA.name in task.craft:
         limit = f" and within {task.rate_limit:g} deg/s" if task.rate_limit else ""
-        who = f"with {task.torque:.3g} N·m on an axis{limit}"
-        yield from task.settles("time to turn", _least_turn(task), who)
+        who = f"at least about its eigenaxis, with {torque:.3g} N·m on an axis{limit}"
+        yield from task.settles("time to turn", _least_turn(task, torque), who)
 
 
-def _least_turn(task: Task) -> float:
-    """Least time [s] about the eigenaxis, rest to rest, to where the error is small enough."""
+def _least_turn(task: Task, torque: float) -> float:
+    """Least time [s] about the eigenaxis, from rest, to where the error is small enough.
+
+    The craft may still turn there: at the latest it stops where the error is so large again.
+    """
     error = np.array(task.error[:3])
     if not error.any():
         return 0.0
     axis, (component, whole) = error / np.linalg.norm(error), task.settled
-    near = min(component / np.abs(axis).max(), whole, 1.0)
+    near = 2.0 * math.asin(min(component / np.abs(axis).max(), whole, 1.0))
     inertia = inertia_matrix("inertia", task.craft[INERTIA.name])
-    acceleration = task.torque / np.abs(inertia @ axis).max()
+    acceleration = float(torque / np.abs(inertia @ axis).max())
     rate = math.radians(task.rate_limit) if task.rate_limit else math.inf
-    turn = max(rotation_angle(task.error) - 2.0 * math.asin(near), 0.0)
-    return float(duration(profile(turn, rate, float(acceleration), math.inf)))
+    turn = max(rotation_angle(task.error) - near, 0.0)
+    within = 2.0 * near  # from the one side to the other
+    if turn <= within:
+        return _from_rest(turn, rate, acceleration)
+    whole_turn = profile(turn + within, rate, acceleration, math.inf)
+    return float(duration(whole_turn)) - _from_rest(within, rate, acceleration)
+
+
+def _from_rest(angle: float, rate: float, acceleration: float) -> float:
+    """Time [s] in which a craft that speeds up, and goes on at its limit [rad/s], turns so far."""
+    reached = min(math.sqrt(2.0 * acceleration * angle), rate)
+    return angle / reached + 0.5 * reached / acceleration if reached else 0.0
 
 
 def _of_envelopes(scenario: Scenario, task: Task) -> Iterator[Condition]:

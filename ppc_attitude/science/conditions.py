@@ -137,9 +137,10 @@ class Task:
     wish: str
 
     def settles(self, name: str, needs: float, who: str) -> Iterator[Condition]:
-        """Compare the least time [s] that somebody needs to settle with the deadline.
+        """Compare the time [s] that somebody needs to settle from rest with the deadline.
 
-        Nothing is asked of a craft that starts within the required accuracy.
+        It is advice: who turns at the start, or about another axis, may be faster. Nothing is asked
+        of a craft that starts within the required accuracy.
         """
         x, y, z, _ = self.error
         component, whole = self.settled
@@ -148,7 +149,7 @@ class Task:
         rest = self.deadline - needs
         left = f"which leaves {rest:.3g} s" if rest >= 0.0 else f"which is {-rest:.3g} s too few"
         asked = f"you ask {self.deadline:g} s"
-        meaning = f"{self.wish} needs {needs:.3g} s at best {who}; {asked}, {left}"
+        meaning = f"{self.wish} needs {needs:.3g} s {who}; {asked}, {left}"
         if math.isinf(needs):
             meaning = f"{self.wish} is not reached within an hour {who}; {asked}"
-        yield Condition(name, needs, self.deadline, "≤", "s", True, meaning)
+        yield advisable(name, needs, self.deadline, "s", meaning)

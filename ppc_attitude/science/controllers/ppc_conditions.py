@@ -74,7 +74,7 @@ def conditions(values: Mapping[str, Any], gains: Any, task: Task) -> Iterator[Co
     yield from _lyapunov(values, q_e0, fall)
     yield from _following(values, q_e0, fall, gains)
     needs = float(least_settling_time(task.error, *task.settled, gains))
-    yield from task.settles("time of the law", needs, "with the law's k, M_omega and beta")
+    yield from task.settles("time of the law", needs, "at the rates of k, M_omega and beta")
     yield from _rates(values, task)
     yield from _sampling(values, task)
     yield from _actuation(values, task)

@@ -19,6 +19,7 @@ its eigenaxis, and the torque is scaled as a vector, which keeps that axis. Feed
 reference (M0) makes it a tracking law.
 """
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -135,13 +136,19 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
 
 
 def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
-    """Stability of φ'' = −2ζω φ' − ω² (φ + ∫φ dt / T), by Jury where sampled, and by Routh."""
+    """Stability of φ'' = −2ζω φ' − ω² (φ + Σ φ h / T), sampled, by Jury.
+
+    With y = z − 1 its characteristic polynomial is y³ + (d + a (1 + τ)/2) y² + a (1 + 3τ/2) y + aτ,
+    where a = (ω_n h)², d = 2ζω_n h and τ = h/T.
+    """
     frequency, damping, time = (values[each.name] for each in _OWN[:3])
-    cubic = (1.0, 2.0 * damping * frequency, frequency**2, frequency**2 / time)
-    slowest = float(np.roots(cubic).real.max())
+    h = task.hold
+    turn, a, d, share = frequency * h, (frequency * h) ** 2, 2.0 * damping * frequency * h, h / time
+    cubic = (1.0, d + 0.5 * a * (1.0 + share), a * (1.0 + 1.5 * share), a * share)
+    slowest = float(np.abs(1.0 + np.roots(cubic)).max())  # what a sample leaves of an error
     yield advisable(
         "loop against sampling",
-        frequency * task.hold,
+        turn,
         min(1.0 / damping / task.first_answer, 4.0 * damping),
         "",
         "ω_n h ≤ min(1/ζ, 4ζ), h a step or the thrusters' period, less where modes follow "
@@ -151,10 +158,11 @@ def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
     yield advisable(
         "integral of the loop",
         1.0 / time,
-        2.0 * damping * frequency,
+        frequency * (2.0 * damping - 0.5 * turn) / (1.0 - 0.5 * d + 0.25 * a) if d < 2.0 else 0.0,
         "1/s",
-        "1/T ≤ 2ζω_n: the integral does not make the loop swing; the slowest part of a small error "
-        f"{'never fades' if slowest >= 0.0 else f'is 1/e after {-1.0 / slowest:.3g} s'}",
+        "1/T ≤ ω_n (2ζ − ω_n h/2) / (1 − ζω_n h + (ω_n h)²/4): the integral does not make the "
+        "sampled loop swing; the slowest part of a small error "
+        f"{'never fades' if slowest >= 1.0 else f'is 1/e after {-h / math.log(slowest):.3g} s'}",
     )
 
 
