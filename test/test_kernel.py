@@ -21,9 +21,10 @@ import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given
@@ -35,6 +36,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import CacheFile, Matrix, Vector
 from ppc_attitude.science.kinds import all_components
 from ppc_attitude.science.part import entry_point
+from ppc_attitude.science.referred import digest_of
 
 PACKAGE = Path(kernel.__file__).parent.parent
 
@@ -141,19 +143,47 @@ def test_a_kernel_is_compiled_anew_when_what_it_calls_has_changed(
     assert printed(code, tmp_path, PYTHONPATH=str(tmp_path)) != before
 
 
-@pytest.mark.parametrize("package", [pytest.param("", marks=pytest.mark.long), "namespace."])
+def refers(**changed: Any) -> Any:
+    """Make a function that refers to this and that, some of it other than usual."""
+    given = {"gain": 1.0, "factor": 2.0, "row": (3.0, 4.0), "table": 5.0, "kernel": 6.0, **changed}
+    library = ModuleType("library")
+    vars(library)["gain"] = given["gain"]
+    called = numba.njit(lambda number=given["kernel"]: number)
+    sums = f"sum(x * {given['factor']} for x in row)"
+    names = {"row": given["row"], "table": np.array([given["table"]])}
+    known = {"library": library, "called": called, **names}
+    exec(f"def function(a=1):\n    return called() + library.gain + {sums} + table", known)
+    return known["function"]
+
+
+@pytest.mark.parametrize("name", ["gain", "factor", "row", "table", "kernel"])
+def test_a_function_is_another_one_when_what_it_refers_to_has_changed(name: str) -> None:
+    assert digest_of(refers()) == digest_of(refers())
+    changed = (3.0, 9.0) if name == "row" else 9.0
+    assert digest_of(refers(**{name: changed})) != digest_of(refers())
+
+
+@pytest.mark.parametrize(
+    ("package", "of_called"),
+    [
+        pytest.param("", "", marks=pytest.mark.long),
+        pytest.param("namespace.", "namespace.", marks=pytest.mark.long),
+        ("namespace.", "other."),
+    ],
+)
 def test_a_kernel_of_somebody_elses_is_compiled_anew_when_what_it_calls_has_changed(
-    tmp_path: Path, package: str
+    tmp_path: Path, package: str, of_called: str
 ) -> None:
     """A module that lies alone has no package, and a namespace package no file."""
+    for each in (package, of_called):
+        (tmp_path / each.rstrip(".")).mkdir(exist_ok=True)
     folder = tmp_path / package.rstrip(".")
-    folder.mkdir(exist_ok=True)
     (folder / "absent.py").symlink_to("nowhere")
     kernels = "from ppc_attitude.science.kernel import kernel\n@kernel\ndef {}():\n    return {}\n"
-    called = folder / "called.py"
+    called = tmp_path / of_called.rstrip(".") / "called.py"
     called.write_text(kernels.format("called", 1.0))
     (folder / "calling.py").write_text(
-        f"from {package}called import called\n{kernels.format('calling', 'called()')}"
+        f"from {of_called}called import called\n{kernels.format('calling', 'called()')}"
     )
     search = os.pathsep.join([str(tmp_path), str(PACKAGE.parent)])
     environment = {"PYTHONPATH": search, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}

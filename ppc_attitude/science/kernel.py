@@ -37,6 +37,7 @@ from numba.core.runtime.nrt import rtsys
 from numba.extending import intrinsic
 
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.referred import digest_of
 
 Vector: TypeAlias = tuple[float, float, float]
 Quaternion: TypeAlias = tuple[float, float, float, float]  # x y z w
@@ -161,8 +162,12 @@ def open_cache(compiled: Any, module: str) -> None:
             ) from None
         finally:
             _SETTINGS.CACHE_DIR, _CACHING.IndexDataCacheFile = before
+    cache = compiled._cache
     if package == _PACKAGE.name:
-        compiled._cache.load_overload = partial(_load, compiled._cache)
+        cache.load_overload = partial(_load, cache)
+    else:  # in its folder are the changes of its own package, and of ours
+        key, told = cache._index_key, digest_of(compiled)
+        cache._index_key = lambda *asked: (*key(*asked), told)
 
 
 def _load(cache: Any, signature: Any, target: Any) -> Any:

@@ -42,6 +42,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.given import misfit, misfit_text, rules_of
 from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.kernel import OPTIONS, carray, open_cache, pointer_to
+from ppc_attitude.science.referred import digest_of
 from ppc_attitude.science.stamps import seconds
 
 _OPTIONS = {**OPTIONS, "boundscheck": False}
@@ -150,11 +151,14 @@ def _key_of(component: Component) -> str:
     """Text that tells a component from every other one, and is the same in all processes.
 
     Its name is not enough: it may be that of a component of another kind, and the same step may
-    fill other records. Nor is its step's: those behind an observer are all called alike.
+    fill other records. Nor is its step's: those behind an observer are all called alike. Of one of
+    somebody else's all counts that it refers to.
     """
     step, records = component.step, (component.input_record, component.output_record)
     rules = rules_of(component.outputs).tolist()
     layout = repr((*records, component.configuration, component.state, rules))
+    if not _is_ours(component):
+        layout += digest_of(step)
     digest = hashlib.sha256(layout.encode()).hexdigest()[:16]
     return f"{step.__module__}.{step.__qualname__}.{component.name}.{digest}"
 

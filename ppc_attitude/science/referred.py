@@ -1,0 +1,81 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a compiled function was made of: its code, and all that it refers to, wherever it stands.
+
+Numba takes the value of a global name for a constant, and a kernel that is called for part of its
+caller. It looks for a change in the file of the function alone.
+"""
+
+import hashlib
+from collections.abc import Iterator
+from types import CodeType, FunctionType, ModuleType
+from typing import Any
+
+import numpy as np
+
+_OURS = __name__.partition(".")[0]
+_PLAIN = bool | int | float | complex | str | bytes | None
+
+
+def digest_of(function: Any) -> str:
+    """Digest of a function or kernel that is the same in all processes, until something changes.
+
+    What it calls of this package does not count.
+    """
+    digest = hashlib.sha256()
+    for piece in _pieces(function, set()):
+        digest.update(piece)
+    return digest.hexdigest()[:16]
+
+
+def _pieces(value: Any, seen: set[int]) -> Iterator[bytes]:
+    function = vars(value).get("py_func") if hasattr(value, "py_func") else value
+    if isinstance(value, np.ndarray | np.generic):
+        yield f"{value.dtype}{value.shape}".encode() + value.tobytes()
+    elif isinstance(value, tuple | frozenset):
+        for each in value if isinstance(value, tuple) else sorted(value, key=repr):
+            yield from _pieces(each, seen)
+    elif isinstance(value, _PLAIN):
+        yield repr(value).encode()
+    elif isinstance(function, FunctionType) and id(function) not in seen:
+        seen.add(id(function))
+        if str(function.__module__).partition(".")[0] != _OURS:
+            yield from _of_function(function, seen)
+
+
+def _of_function(function: FunctionType, seen: set[int]) -> Iterator[bytes]:
+    names: list[str] = []
+    for code in _codes(function.__code__):
+        yield code.co_code
+        names += code.co_names
+        for constant in code.co_consts:
+            yield from _pieces(constant, seen)
+    known = function.__globals__
+    modules = [known[name] for name in names if isinstance(known.get(name), ModuleType)]
+    for name in names:
+        yield name.encode()
+        yield from _pieces(known.get(name), seen)
+        for module in modules:  # it may be the name of a thing in there
+            yield from _pieces(vars(module).get(name), seen)
+    for cell in function.__closure__ or ():
+        yield from _pieces(cell.cell_contents, seen)
+    yield from _pieces(function.__defaults__, seen)
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _codes(constant)
