@@ -92,10 +92,9 @@ def test_a_wish_is_told_what_it_needs_at_best_and_what_that_leaves(cubesat: Scen
     found = conditions(cubesat, TENTH, THIRD)
     # Up to 5°/s and down again with what 2 mN·m give on the slowest axis, 119.9° in all.
     rate, acceleration = math.radians(5.0), 0.002 / (0.2 / math.sqrt(3.0))
-    within = math.radians(0.2)  # from the one side of what is asked to the other, at the end
-    needs = (
-        math.radians(120.1) / rate + rate / acceleration - math.sqrt(2.0 * within / acceleration)
-    )
+    # At the end it may turn on, from the one side of what is asked to the other.
+    turns_on = math.sqrt(2.0 * math.radians(0.2) / acceleration)
+    needs = math.radians(120.1) / rate + rate / acceleration - turns_on
     assert found["time to turn"].value == pytest.approx(needs)
     assert found["time to turn"].meaning == (
         "an error of 0.1 deg from rest at 120° needs 28.4 s at least about its eigenaxis, "

@@ -16,12 +16,14 @@ import math
 
 import numpy as np
 import pytest
-from craft_helpers import pulse
+from craft_helpers import case, conditions, pulse
 from hypothesis import given
 from hypothesis import strategies as st
 from record_helpers import configured, derivative, f_matrix, records_of
 from scipy.spatial.transform import Rotation
 
+from ppc_attitude.analysis.requirements import PAPER
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.controllers import log_barrier
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import scenario
@@ -114,3 +116,21 @@ def test_it_never_divides_by_zero() -> None:
         measurement["reference_attitude"] = (0.0, 0.0, 0.0, 1.0)
         log_barrier.step(measurement, memory, gains, command)
         assert np.isfinite(command["torque_command"]).all()
+
+
+@pytest.mark.parametrize(("angle", "holds"), [(10.0, True), (40.0, False), (180.0, False)])
+def test_check_tells_how_fast_a_law_without_a_limit_of_the_rate_wants_to_turn(
+    angle: float, holds: bool
+) -> None:
+    """A strong actuator makes the most of it true; at 180° there is no limit at all."""
+    law = case(max_torque=5.0).with_values(INJECTOR, environment=False)
+    law = law.with_values(REFERENCE, amplitude=[0.0] * 3, initial_attitude=[0.0, 0.0, 0.0, 1.0])
+    law = law.with_values(CONTROLLER, controller="log_barrier", max_torque=5.0)
+    half = math.radians(0.5 * angle)
+    error = (math.sin(half), 0.0, 0.0, math.cos(half))
+    told = conditions(law, PAPER, error)["rate of the law"]
+    assert (told.holds, told.limit) == (holds, 3.0)
+    if angle < 180.0:
+        craft = law.with_values(PLANT, initial_attitude=list(error))
+        rates = np.linalg.norm(simulate(craft, 60.0)["angular_velocity"], axis=1)
+        assert 0.6 < math.degrees(rates.max()) / told.value < 1.0

@@ -112,11 +112,9 @@ def test_what_is_extended_keeps_the_arrays_to_which_its_record_refers() -> None:
     assert [each.dtype for each in kept] == [each.dtype for each in made(goal.COMPONENT)[1]]
 
 
-def test_components_that_nothing_tells_apart_are_refused() -> None:
-    """Else one would run what is compiled of the other."""
-    Part(ONE, {})
-    with pytest.raises(ConfigurationError, match="components mine and mine have different steps"):
-        Part(replace(ONE, step=_giving(2.0)), {})
+def test_components_that_only_what_their_steps_enclose_tells_apart_run_their_own() -> None:
+    parts = [Part(replace(ONE, step=_giving(number)), {}) for number in (1.0, 2.0)]
+    assert [part.step(0)[0] for part in parts] == [1.0, 2.0]
 
 
 @kernel

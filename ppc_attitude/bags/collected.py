@@ -173,7 +173,8 @@ class Collected:
             (name, f"{n} messages of {name} are read as if in its frame: {why}")
             for name, (n, why) in self._strange.items()
         ]
-        names = {f"{namespace}/{topic.name}" for topic in SAMPLED} | {*self._names.values()}
+        names = {f"{namespace}/{topic.name}" for topic in (*SAMPLED, CHANGES_TOPIC)}
+        names |= {*self._names.values()}
         told = [text for name, text in found if name in names]
         told += dict.fromkeys(self._notes)  # one message may be read for two topics
         self._notes = []

@@ -124,18 +124,12 @@ def entry_point(component: Component) -> Any:
     Raises
     ------
     ConfigurationError
-        The step is no kernel or cannot be compiled or kept, or nothing tells the component from
-        another one but what its step does.
+        The step is no kernel, or cannot be compiled or kept.
     """
     name = component.name
     kernel_of(component)
     key = _key_of(component)
-    known = _components.setdefault(key, component)
-    if _function_of(known) != _function_of(component):
-        raise ConfigurationError(
-            f"components {known.name} and {name} have different steps, both called "
-            f"{known.step.__module__}.{known.step.__qualname__}; rename one of them"
-        )
+    _components.setdefault(key, component)
     try:
         return _compiled(key)
     except ConfigurationError:
@@ -161,13 +155,6 @@ def _key_of(component: Component) -> str:
         layout += digest_of(step)
     digest = hashlib.sha256(layout.encode()).hexdigest()[:16]
     return f"{step.__module__}.{step.__qualname__}.{component.name}.{digest}"
-
-
-def _function_of(component: Component) -> tuple[int, ...]:
-    """Identities of what a step is compiled from: its code, and what that encloses."""
-    function = vars(component.step)["py_func"]
-    encloses = (each.cell_contents for each in function.__closure__ or ())
-    return tuple(id(each) for each in (function.__code__, *encloses))
 
 
 def configured(component: Component, values: Mapping[str, Any]) -> tuple[Any, list[Any]]:

@@ -20,13 +20,14 @@ caller. It looks for a change in the file of the function alone.
 
 import hashlib
 from collections.abc import Iterator
+from enum import Enum
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
 
 _OURS = __name__.partition(".")[0]
-_PLAIN = bool | int | float | complex | str | bytes | None
+_PLAIN = bool | int | float | complex | str | bytes | Enum | None
 
 
 def digest_of(function: Any) -> str:

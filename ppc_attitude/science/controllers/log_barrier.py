@@ -20,13 +20,14 @@ q*² = ρ² + k_b / (4 K1 K2), which is the behaviour that the paper reports of 
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from ppc_attitude.science.attitude import jacobian, jacobian_inverse_scaled, jacobian_transposed
 from ppc_attitude.science.component import Component
+from ppc_attitude.science.conditions import Condition, Task, advisable
 from ppc_attitude.science.controllers.common import (
     ATTITUDE_ENVELOPE,
     ATTITUDE_PARAMETERS,
@@ -40,6 +41,7 @@ from ppc_attitude.science.controllers.common import (
 from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import (
+    ZERO,
     Vector,
     add,
     apply,
@@ -49,6 +51,7 @@ from ppc_attitude.science.kernel import (
     dot,
     kernel,
     matrix,
+    norm,
     scale,
     store,
     subtract,
@@ -168,6 +171,24 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     store(command.attitude_envelope, (rho, rho, rho))
 
 
+def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
+    """Compare the rate that the law asks for at the start, α of the error there, with the limit."""
+    if task.rate_limit is None or task.desired_rate is None:
+        return
+    q0 = math.copysign(max(abs(task.error[3]), _SMALLEST_SCALAR), task.error[3])
+    rho, rho_rate = nominal(0.0, envelope_of("attitude_envelope", values).shape())
+    K1 = values["log_barrier.K1"]
+    alpha, _ = desired_rate_error(vector(task.error), q0, ZERO, rho, rho_rate, 0.0, K1)
+    yield advisable(
+        "rate of the law",
+        math.degrees(norm(alpha) + task.desired_rate),
+        task.rate_limit,
+        "deg/s",
+        "‖α‖ at the start + max‖ω_d‖: the law has no limit of the rate, and speeds up until the "
+        "craft turns so fast or the error has become small",
+    )
+
+
 COMPONENT = Component(
     name="log_barrier",
     parameters=PARAMETERS,
@@ -177,4 +198,5 @@ COMPONENT = Component(
     inputs=INPUTS,
     outputs=(*OUTPUTS, ATTITUDE_ENVELOPE),
     step=step,
+    conditions=conditions,
 )
