@@ -132,7 +132,8 @@ def test_the_stamp_of_what_came_last_is_told(kind: type[Pace]) -> None:
 
 @pytest.mark.parametrize("kind", [Lockstep, FreeRunning])
 def test_who_is_woken_only_when_it_asks_for_it_keeps_the_pace(kind: type[Pace]) -> None:
-    bench = Bench(kind, factor=1.0, waits=kind is FreeRunning)
+    bench = Bench(kind, factor=1.0, waits=True)
+    bench.pace.record(0, bench.now)
     begun, due = bench.now, bench.now + 0.1
     for _ in range(2000):
         if bench.shown[-1] == bench.stamp:
@@ -370,7 +371,9 @@ def test_the_torque_of_a_silent_injector_does_not_act_for_ever() -> None:
     assert DISTURBANCE in bench.pace.status(bench.now)[1]
 
 
-def test_free_running_time_begins_with_the_first_answers_if_it_is_to_wait() -> None:
+@pytest.mark.parametrize("goes", [False, True])
+def test_free_running_time_begins_with_the_first_answers_and_their_record(goes: bool) -> None:
+    """A recorder that has gone before nobody waits for."""
     bench = Bench(FreeRunning, waits=True)
     for _ in range(20):
         bench.passes(0.1)
@@ -378,8 +381,15 @@ def test_free_running_time_begins_with_the_first_answers_if_it_is_to_wait() -> N
     waits = "waiting at t = 0.000 s for torque_command, disturbance/torque"
     assert bench.pace.status(bench.now) == (STALE, waits)
     bench.answer()
-    assert not bench.pace.waiting()
+    assert bench.pace.waiting() == "waiting at t = 0.000 s for the recorder to follow"
+    bench.runs(1.0)
+    assert bench.pace.step == 0
+    if goes:
+        bench.absent.add(RECORDED_TOPIC.name)
+    else:
+        assert bench.pace.record(0, bench.now)
     bench.begun = bench.now
     bench.runs(1.0)
     assert bench.time == pytest.approx(1.0, abs=2.0 * PERIOD)
+    assert not bench.pace.record(bench.stamp, bench.now)
     assert not any("paused" in text for text in bench.said), "the wait is no pause"

@@ -131,6 +131,9 @@ class Pace(ABC):
         self._timed_out: set[str] = set()  # inputs that are zero because they are too old
         self._shown = False  # the present state has been published
         self._repeated: tuple[int, ...] = ()  # stamps [ns] that may be answered twice
+        # Who waited for a recorder leaves no first state before it tells that it has it, with the
+        # answers of every node, be they read by nobody: it, or one of them, may be late.
+        self._recorded = -_LAG - 1 if self.rules.waits else None
         self.craft.begin()
 
     def take(self, name: str, stamp_ns: int, values: Values, now: float) -> bool:
@@ -155,6 +158,24 @@ class Pace(ABC):
         # One of the same stamp is a peer's repeated answer.
         return stamp_ns > stream.stamp and self._accept(stream, stamp_ns, values, now)
 
+    def record(self, stamp_ns: int, now: float) -> bool:
+        """Learn up to which stamp [ns] the recorder has written; True if `wake` has to be called.
+
+        Lock-step waits for it always, free-running at the first state only.
+        """
+        self._recorded = step_of(stamp_ns, self.rules.rate)
+        return False
+
+    def _lags(self) -> bool:
+        return self._recorded is not None and self.step - self._recorded > _LAG
+
+    def _has_gone(self) -> bool:
+        """Whether there is no recorder any more that is waited for; then nobody waits for it."""
+        gone = self._lags() and not self.craft.is_published(RECORDED_TOPIC.name)
+        if gone:
+            self._recorded = None
+        return gone
+
     @abstractmethod
     def wake(self, now: float) -> float:
         """Do what is due; return the time [s] until the next call."""
@@ -168,10 +189,11 @@ class Pace(ABC):
         """Inputs without which time does not go on, and that have not come."""
 
     def waiting(self) -> str:
-        """The inputs that are waited for, in words; empty if none are."""
+        """The inputs that are waited for, in words, or the recorder; empty if nothing is."""
         missing = self._missing()
         if not missing:
-            return ""
+            told = f"waiting at t = {seconds(self.stamp):.3f} s for the recorder to follow"
+            return told if self._lags() else ""
         absent = [name for name in missing if not self.craft.is_published(name)]
         text = f"waiting at t = {seconds(self.stamp):.3f} s for {', '.join(missing)}"
         if absent:
@@ -259,19 +281,14 @@ class Lockstep(Pace):
 
     def begin(self, now: float) -> None:
         """Begin at time zero."""
-        # Who waited for a recorder leaves no first state before it tells that it has it, with the
-        # answers of every node, be they read by nobody: it, or one of them, may be late.
-        self._recorded = -_LAG - 1 if self.rules.waits else None
         self._factor, self._first = self.rules.factor, 0
         super().begin(now)
 
-    def record(self, stamp_ns: int, now: float) -> None:
-        """Learn up to which stamp [ns] the recorder has written; the run waits for it."""
-        self._recorded = step_of(stamp_ns, self.rules.rate)
+    def record(self, stamp_ns: int, now: float) -> bool:
+        """Go on if it was waited for."""
+        super().record(stamp_ns, now)
         self._go(now)
-
-    def _lags(self) -> bool:
-        return self._recorded is not None and self.step - self._recorded > _LAG
+        return False
 
     def _missing(self) -> list[str]:
         """Which inputs have not come for the present instant."""
@@ -305,8 +322,7 @@ class Lockstep(Pace):
 
     def wake(self, now: float) -> float:
         """Publish a state that was too early, or repeat one that is unanswered."""
-        if self._lags() and not self.craft.is_published(RECORDED_TOPIC.name):
-            self._recorded = None  # it has gone
+        if self._has_gone():
             self._go(now)
         ahead = self._ahead(now, self.stamp)
         if ahead > 0.0:
@@ -318,11 +334,6 @@ class Lockstep(Pace):
             self._go(now)
         return self._repeat(now) if self._shown else 0.0
 
-    def waiting(self) -> str:
-        """The inputs that are waited for, in words, or the recorder."""
-        told = f"waiting at t = {seconds(self.stamp):.3f} s for the recorder to follow"
-        return super().waiting() or told
-
 
 class FreeRunning(Pace):
     """Step on the wall clock and hold the last inputs; one that is too old becomes zero."""
@@ -333,6 +344,17 @@ class FreeRunning(Pace):
         """Begin at time zero."""
         self._held = self.rules.inputs[self.rules.command]  # acts since the latest state
         super().begin(now)
+
+    def record(self, stamp_ns: int, now: float) -> bool:
+        """Begin, if it was waited for."""
+        begins = self._awaits_recorder()
+        super().record(stamp_ns, now)
+        if begins:
+            self._origin = now
+        return begins
+
+    def _awaits_recorder(self) -> bool:
+        return self.step == 0 and self._lags()
 
     def _accept(self, stream: _Input, stamp_ns: int, values: Values, now: float) -> bool:
         awaited = bool(self._missing())
@@ -352,7 +374,9 @@ class FreeRunning(Pace):
         if not self._shown:
             self._show(now)
             self._origin = self.waiting_since = now
-        if self._missing():
+        if self.step == 0 and self._has_gone():
+            self._origin = now
+        if self._missing() or self._awaits_recorder():
             return self._repeat(now)
         # The present state was published at origin + stamp; the next one is due a period later.
         late = now - self._origin - seconds(self.following)
