@@ -24,6 +24,7 @@ import pytest
 import rclpy
 import yaml
 from conftest import StartProcess
+from geometry_msgs.msg import QuaternionStamped
 from peer import Beside, living, peer
 from process_helpers import Node, end_all, until
 from rcl_interfaces.srv import ListParameters
@@ -37,8 +38,10 @@ from ppc_attitude.contract.topics import (
     ATTITUDE,
     CONTROLLER,
     PLANT,
+    RECORDED_TOPIC,
     RECORDER,
     REFERENCE,
+    REFERENCE_ATTITUDE,
 )
 from ppc_attitude.nodes.bag_recorder import BagRecorder
 from ppc_attitude.nodes.messages import message_class, take_gathered
@@ -173,6 +176,23 @@ def test_a_recorder_that_was_told_the_law_knows_which_of_its_columns_never_came(
         beside.node.drain(beside.executor)
     assert "control/attitude_error never came" in beside.node.failure
     assert beside.node.exit_code == BROKEN
+
+
+def test_a_plant_is_told_nothing_before_the_other_nodes_have_answered(tmp_path: Path) -> None:
+    """What the plant itself sends when it leaves the first state cannot have come."""
+    answer, heard = REFERENCE_ATTITUDE.name, list[Clock]()
+    told = json.dumps({"samples": {PLANT: [APPLIED_TORQUE.name], REFERENCE: [answer]}})
+    with recorder_into(tmp_path / "bag", f"run_info:='{told}'") as beside:
+        recording = beside.node._recordings[""]
+        beside.peer.create_subscription(Clock, RECORDED_TOPIC.name, heard.append, 1)
+        answers = beside.peer.create_publisher(QuaternionStamped, answer, 1)
+        for topic in (answer, RECORDED_TOPIC.name):
+            beside.until(lambda topic=topic: beside.node.count_subscribers(topic))
+        beside.send(ATTITUDE, 0, UNIT)
+        beside.until(lambda: beside.node.wake() and recording.now == 0)
+        assert recording.missing([answer]) == [answer]
+        answers.publish(QuaternionStamped())
+        beside.until(lambda: beside.node.wake() and heard)
 
 
 def test_a_recorder_listens_to_whoever_a_node_of_the_run_listens_to(tmp_path: Path) -> None:
