@@ -32,6 +32,7 @@ from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.cdr import Codec
+from ppc_attitude.contract.declared import BY_NAME
 from ppc_attitude.contract.run_record import Change
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
@@ -324,6 +325,13 @@ def test_undecodable_messages_are_counted(tmp_path: Path) -> None:
     assert read.warnings == told
     assert read.missing == {"attitude": 2}
     assert np.isnan(read["attitude"][3:5]).all()
+
+
+def test_a_topic_that_only_ends_like_one_of_ours_is_no_matter_of_the_run(tmp_path: Path) -> None:
+    """Sensors whose package is not installed sent what could be the Sun of another namespace."""
+    sun = replace(BY_NAME["sun"], name="sunmag/sun", frame_id="body")
+    sequence = [*messages(RUN), (sun, 0, Codec(sun).encode(0, (1.0, 0.0, 0.0)))]
+    assert not read_run(write_messages(tmp_path / "bag", sequence, run=RUN)).warnings
 
 
 def test_a_law_is_not_asked_for_what_it_does_not_send(tmp_path: Path) -> None:

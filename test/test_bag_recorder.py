@@ -16,6 +16,7 @@
 
 import json
 import signal
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,6 +25,7 @@ import pytest
 import rclpy
 import yaml
 from conftest import StartProcess
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped
 from peer import Beside, living, peer
 from process_helpers import Node, end_all, until
@@ -37,6 +39,7 @@ from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
     ATTITUDE,
     CONTROLLER,
+    DIAGNOSTICS_TOPIC,
     PLANT,
     RECORDED_TOPIC,
     RECORDER,
@@ -45,6 +48,7 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.nodes.bag_recorder import BagRecorder
 from ppc_attitude.nodes.messages import message_class, take_gathered
+from ppc_attitude.nodes.reference_generator import ReferenceGenerator
 from ppc_attitude.processes.exits import BROKEN, DONE
 from ppc_attitude.science.stamps import stamp_of
 
@@ -204,6 +208,20 @@ def test_a_recorder_listens_to_whoever_a_node_of_the_run_listens_to(tmp_path: Pa
         beside.until(lambda: beside.node.wake() > 0.0 and sent.get_subscription_count() == 2)
         for node in (plant, own):
             node.destroy_node()
+
+
+def test_who_waits_for_the_recorder_reports_that_and_nothing_else() -> None:
+    said: list[DiagnosticStatus] = []
+    with living(ReferenceGenerator, "wait_for_recorder:=true") as node:
+        node.now = lambda: time.monotonic() + 100.0
+        beside = Beside(node)
+        beside.peer.create_subscription(
+            DiagnosticArray, DIAGNOSTICS_TOPIC.name, lambda message: said.extend(message.status), 1
+        )
+        beside.until(lambda: node.await_recorder() > 0.0 and said)
+        beside.close()
+    assert said[0].level == DiagnosticStatus.STALE
+    assert said[0].message.startswith(f"waiting for {RECORDER} to listen to /reference/")
 
 
 def test_a_recorder_counts_the_messages_of_its_bag_however_it_took_them(

@@ -17,6 +17,7 @@
 import math
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -83,6 +84,17 @@ def test_an_allocator_to_which_no_actuator_listens_is_refused(
     message = "wheel_torque_command, which no selected component reads; actuator = wheel_motors or"
     with pytest.raises(ConfigurationError, match=message):
         load(configs(*names))
+
+
+def test_an_actuator_may_describe_what_it_reads_in_its_own_words(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It was told that nobody reads what the allocator gives."""
+    motors = ACTUATORS.components["wheel_motors"]
+    own = tuple(replace(column, meaning="what I am to give") for column in motors.inputs)
+    monkeypatch.setitem(ACTUATORS.components, "wheel_motors", replace(motors, inputs=own))
+    chosen = load(configs("wheels", "allocator")).parameters[PLANT]
+    assert chosen[ACTUATORS.selector] == motors.name
 
 
 @settings(max_examples=200, deadline=None)
