@@ -26,7 +26,7 @@ import rclpy
 import yaml
 from conftest import StartProcess
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import QuaternionStamped
+from geometry_msgs.msg import Quaternion, QuaternionStamped
 from peer import Beside, living, peer
 from process_helpers import Node, end_all, until
 from rcl_interfaces.srv import ListParameters
@@ -192,11 +192,16 @@ def test_a_plant_is_told_nothing_before_the_other_nodes_have_answered(tmp_path: 
         answers = beside.peer.create_publisher(QuaternionStamped, answer, 1)
         for topic in (answer, RECORDED_TOPIC.name):
             beside.until(lambda topic=topic: beside.node.count_subscribers(topic))
-        beside.send(ATTITUDE, 0, UNIT)
-        beside.until(lambda: beside.node.wake() and recording.now == 0)
-        assert recording.missing([answer]) == [answer]
-        answers.publish(QuaternionStamped())
-        beside.until(lambda: beside.node.wake() and heard)
+        for begun in (1.0, -1.0):  # time begins again
+            beside.send(ATTITUDE, 0, (0.0, 0.0, 0.0, begun))
+            beside.until(lambda: beside.node.wake() and recording.missing([answer]))
+            assert not heard
+            answers.publish(QuaternionStamped(quaternion=Quaternion(w=begun)))
+            beside.until(lambda: beside.node.wake() and heard)
+            assert not recording.missing([answer])
+            heard.clear()
+            beside.send(ATTITUDE, stamp_of(1, 100.0), UNIT)
+            beside.until(lambda: beside.node.wake() and recording.now > 0)
 
 
 def test_a_recorder_listens_to_whoever_a_node_of_the_run_listens_to(tmp_path: Path) -> None:

@@ -234,20 +234,6 @@ def test_two_publishers_of_a_topic_are_seen_and_one_after_the_other_are_not() ->
     assert bag.gaps() == [f"{told} /one, /other"]
 
 
-def test_nothing_is_told_before_every_node_has_answered_the_first_state() -> None:
-    """Of a node that nobody reads, and that began late, the first answers were missing."""
-    bag = Bag()
-    for begun in range(2):  # time begins again
-        bag.take(STATE, 0, b"%d" % begun)
-        bag.take(TORQUE, 0, b"%d" % begun)
-        assert bag.recording.progress(ALL) is None
-        assert bag.recording.missing(ALL) == [AHEAD]
-        bag.take(AHEAD, 0, b"%d" % begun)
-        assert bag.recording.progress(ALL) == 0
-        assert bag.recording.missing(ALL) == []
-        bag.run(range(1, 3))
-
-
 def test_progress_is_told_now_and_then_and_to_a_plant_that_repeats_its_state() -> None:
     bag = Bag()
     told = []
