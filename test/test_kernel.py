@@ -146,17 +146,19 @@ def test_a_kernel_is_compiled_anew_when_what_it_calls_has_changed(
 def refers(**changed: Any) -> Any:
     """Make a function that refers to this and that, some of it other than usual."""
     given = {"gain": 1.0, "factor": 2.0, "row": (3.0, 4.0), "table": 5.0, "kernel": 6.0, **changed}
-    library = ModuleType("library")
-    vars(library)["gain"] = given["gain"]
+    library, inner = ModuleType("library"), ModuleType("library.inner")
+    vars(library).update(gain=given["gain"], inner=inner)
+    vars(inner)["depth"] = given.get("depth", 7.0)
     called = numba.njit(lambda number=given["kernel"]: number)
     sums = f"sum(x * {given['factor']} for x in row)"
     names = {"row": given["row"], "table": np.array([given["table"]])}
     known = {"library": library, "called": called, **names}
-    exec(f"def function(a=1):\n    return called() + library.gain + {sums} + table", known)
+    sums += " + library.gain + library.inner.depth + table"
+    exec(f"def function(a=1):\n    return called() + {sums}", known)
     return known["function"]
 
 
-@pytest.mark.parametrize("name", ["gain", "factor", "row", "table", "kernel"])
+@pytest.mark.parametrize("name", ["gain", "depth", "factor", "row", "table", "kernel"])
 def test_a_function_is_another_one_when_what_it_refers_to_has_changed(name: str) -> None:
     assert digest_of(refers()) == digest_of(refers())
     changed = (3.0, 9.0) if name == "row" else 9.0

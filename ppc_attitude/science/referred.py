@@ -65,6 +65,9 @@ def _of_function(function: FunctionType, seen: set[int]) -> Iterator[bytes]:
             yield from _pieces(constant, seen)
     known = function.__globals__
     modules = [known[name] for name in names if isinstance(known.get(name), ModuleType)]
+    for module in modules:  # and those that are in a package
+        inner = [vars(module).get(name) for name in names]
+        modules += [each for each in inner if isinstance(each, ModuleType) and each not in modules]
     for name in names:
         yield name.encode()
         yield from _pieces(known.get(name), seen)
