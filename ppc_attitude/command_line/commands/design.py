@@ -37,6 +37,7 @@ from ppc_attitude.command_line.options import (
     scenario_of,
     see_that_none_is_idle,
 )
+from ppc_attitude.command_line.parameter_file import overlay
 from ppc_attitude.command_line.paths import new_file, see_that_it_may_go, some_path
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.contract.whole_file import write_whole
@@ -309,39 +310,12 @@ def _tell(found: Design, certificate: Certificate, assumed: Assumptions) -> None
 def _file(
     law: str, values: dict[str, object], certificate: Certificate, assumed: Assumptions
 ) -> str:
-    """Parameter file; the comment at its top says what it promises."""
-    lines = [f"# The momentum-tube law with a certificate: {WRITTEN}"]
-    lines += [f"# {line}" for line in promise_lines(certificate, assumed)]
-    lines.append("# `ppc_attitude check` proves it again; a changed number voids the certificate.")
-    if law == LAW_AHEAD:
-        lines += [
-            f"/**/{REFERENCE}:",
-            "  ros__parameters:",
-            f"    mode: {paper_ahead.COMPONENT.name}",
-        ]
-    lines += [f"/**/{CONTROLLER}:", "  ros__parameters:", f"    controller: {law}"]
-    own = [each for each in values if each.startswith(PREFIX)]
-    groups = (
-        (4, "", ["inertia", "max_torque"]),
-        (6, PREFIX, [each for each in own if not each.startswith(f"{PREFIX}assumed.")]),
-        (8, f"{PREFIX}assumed.", [each for each in own if each.startswith(f"{PREFIX}assumed.")]),
-    )
-    for indent, prefix, names in groups:
-        if prefix:
-            lines.append(f"{' ' * (indent - 2)}{prefix.rstrip('.').rpartition('.')[2]}:")
-        for name in names:
-            unit = f"  # [{_TABLE[name].unit}]" if _TABLE[name].unit else ""
-            short = name.removeprefix(prefix)
-            lines.append(f"{' ' * indent}{short}: {_yaml(values[name])}{unit}")
-    return "\n".join(lines) + "\n"
-
-
-def _yaml(value: object) -> str:
-    """Write a number so that YAML 1.1 and 1.2 read a float."""
-    if isinstance(value, list):
-        return f"[{', '.join(_yaml(each) for each in value)}]"
-    if not isinstance(value, float):
-        return f'"{value}"'
-    text = repr(value)
-    mantissa, exponent, power = text.partition("e")
-    return f"{mantissa}{'' if '.' in mantissa else '.0'}{exponent}{power}"
+    """Overlay of the law; the comment at its top says what it promises."""
+    comment = [
+        f"The momentum-tube law with a certificate: {WRITTEN}",
+        *promise_lines(certificate, assumed),
+        "`ppc_attitude check` proves it again; a changed number voids the certificate.",
+    ]
+    ahead = {REFERENCE: {REFERENCES.selector: paper_ahead.COMPONENT.name}}
+    nodes = ahead if law == LAW_AHEAD else {}
+    return overlay(comment, {**nodes, CONTROLLER: {"controller": law, **values}})
