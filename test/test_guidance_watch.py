@@ -293,6 +293,7 @@ def test_two_line_elements_give_the_orbit_of_sgp4() -> None:
         (with_checksums(LINES.replace("51.6416", "  .    ")), DATE, "not convert string to float"),
         (with_checksums(LINES.replace("15.49815380", " 0.00000000")), DATE, "gives no orbit"),
         (with_checksums(LINES.replace("2 25544", "2 25545")), DATE, "do not match"),
+        (with_checksums(LINES.replace("0006703", "0706703")), DATE, "perigee is -.* m above"),
     ],
     ids=[
         "old",
@@ -303,6 +304,7 @@ def test_two_line_elements_give_the_orbit_of_sgp4() -> None:
         "no number",
         "no motion",
         "two craft",
+        "below ground",
     ],
 )
 def test_bad_two_line_elements_are_refused(lines: str, epoch: str, reason: str) -> None:

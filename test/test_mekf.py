@@ -29,6 +29,7 @@ from estimation_helpers import (
     angles_between,
     begun,
     known_now,
+    noisy,
     run,
     suite,
     turning,
@@ -271,3 +272,21 @@ def test_the_filter_says_what_it_thinks_of_itself() -> None:
     assert part.output("estimate") == pytest.approx(estimate, abs=0.0)
     assert part.output("gyro_bias") == part.output("gyro_bias_sigma") == (0.0, 0.0, 0.0)
     assert after(FIX).text.startswith("tracking")
+
+
+@pytest.mark.parametrize("jump", [0.0, 1e-5])  # of the bias [rad/s], hidden in the fixes' noise
+def test_the_filter_says_that_its_own_covariance_is_wrong(jump: float) -> None:
+    _, rates, truth, valid, arrival, fixes = noisy("flagship", 45.0, 3)
+    rates[2000:, 0] += jump
+    part, come = Part(mekf.COMPONENT, suite("flagship")), dict(zip(arrival, valid, strict=True))
+    outside, told = [], []
+    for k, rate in enumerate(rates):
+        fix = NO_FIX
+        if k in come:
+            fix = (*fixes[come[k] // 10], 0.0, 0.0, 0.0, 0.01 * (k - come[k]))
+        part.step(k * STEP_NS, (*rate, 0.0, *fix))
+        error = angles_between(np.array(part.output("attitude")), truth[k])
+        outside.append(error > 6.0 * part.state[0]["sigma"])
+        told.append("have a mean NIS of" in part.advice.text or part.advice.warning)
+    assert any(outside[2500:]) == any(told[2500:]) == (jump > 0.0)
+    assert sum(told[2500:]) >= 0.9 * sum(outside[2500:])

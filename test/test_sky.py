@@ -82,7 +82,7 @@ def test_a_date_is_utc_with_and_without_its_zone(zone: str) -> None:
     assert days_of("epoch", f"2025-01-01T06:00:00.500{zone}") == 9131.75 + 0.5 / DAY
 
 
-@pytest.mark.parametrize("epoch", ["tomorrow", "Z", "2025-01-01T06:00:00+02:00Z"])
+@pytest.mark.parametrize("epoch", ["tomorrow", "Z", "2025-01-01T06:00:00+02:00Z", "1899-12-31"])
 def test_no_date_is_refused(epoch: str) -> None:
     with pytest.raises(ConfigurationError, match=r"orbit\.epoch = '.*'; allowed: a date"):
         days_of("orbit.epoch", epoch)

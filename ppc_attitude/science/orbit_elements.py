@@ -49,7 +49,7 @@ INCLINATION = _of_orbit(
 RAAN = _angle("orbit.raan", 0.0, "right ascension of the ascending node")
 ARGUMENT_OF_PERIGEE = _angle("orbit.argument_of_perigee", 0.0, "argument of perigee")
 MEAN_ANOMALY = _angle("orbit.mean_anomaly", 0.0, "mean anomaly at t = 0")
-EPOCH = _of_orbit("orbit.epoch", "2025-01-01", "date of t = 0, ISO 8601, UTC")
+EPOCH = _of_orbit("orbit.epoch", "2025-01-01", "date of t = 0, ISO 8601, UTC, 1900 to 2100")
 TLE = _of_orbit(
     "orbit.tle",
     "",
@@ -86,12 +86,7 @@ def orbit_of(values: Mapping[str, Any]) -> Any:
         return _by_lines(values)
     semi_major_axis = EARTH_RADIUS + values[ALTITUDE.name]
     eccentricity = values[ECCENTRICITY.name]
-    perigee = semi_major_axis * (1.0 - eccentricity)
-    if perigee <= EARTH_RADIUS:
-        raise ConfigurationError(
-            f"the orbit's perigee is {perigee - EARTH_RADIUS:.6g} m above Earth's surface; "
-            "allowed: > 0"
-        )
+    _see_that_it_is_above_ground(semi_major_axis * (1.0 - eccentricity), "the orbit")
     eccentric = _eccentric_anomaly(values[MEAN_ANOMALY.name], eccentricity)
     c, s, root = math.cos(eccentric), math.sin(eccentric), math.sqrt(1.0 - eccentricity**2)
     speed = math.sqrt(MU * semi_major_axis) / (semi_major_axis * (1.0 - eccentricity * c))
@@ -103,13 +98,35 @@ def orbit_of(values: Mapping[str, Any]) -> Any:
     return filled(ORBIT, {}, position=axes @ position, velocity=axes @ velocity)
 
 
+def apsis_of(orbit: Any) -> tuple[float, float]:
+    """Radius of the perigee and semi-major axis [m] of the ellipse that touches an orbit at t = 0.
+
+    Parameters
+    ----------
+    orbit : record of dtype `ORBIT`
+    """
+    r, v = orbit["position"], orbit["velocity"]
+    radius = float(np.linalg.norm(r))
+    eccentricity = float(np.linalg.norm(np.cross(v, np.cross(r, v)) / MU - r / radius))
+    semi_major_axis = 1.0 / (2.0 / radius - float(v @ v) / MU)
+    return semi_major_axis * (1.0 - eccentricity), semi_major_axis
+
+
+def _see_that_it_is_above_ground(perigee: float, whose: str) -> None:
+    if not perigee > EARTH_RADIUS:
+        raise ConfigurationError(
+            f"{whose}'s perigee is {perigee - EARTH_RADIUS:.6g} m above Earth's surface; "
+            "allowed: > 0"
+        )
+
+
 def epoch_of(values: Mapping[str, Any]) -> float:
     """Days from J2000 to t = 0, from checked parameter values.
 
     Raises
     ------
     ConfigurationError
-        The epoch is no date.
+        The epoch is no date, or none of 1900 to 2100.
     """
     return days_of(EPOCH.name, values[EPOCH.name])
 
@@ -155,10 +172,11 @@ def _by_lines(values: Mapping[str, Any]) -> Any:
         raise ConfigurationError(f"{TLE.name} gives no orbit: {SGP4_ERRORS[error]}")
     record = filled(ORBIT, {}, position=1e3 * np.array(position), velocity=1e3 * np.array(velocity))
     height = float(np.linalg.norm(record["position"])) - EARTH_RADIUS
-    if not 0.0 < height <= _HIGHEST:
+    if not height <= _HIGHEST:
         raise ConfigurationError(
-            f"{TLE.name} gives a height of {height:.6g} m; allowed: > 0 and ≤ {_HIGHEST:g}"
+            f"{TLE.name} gives a height of {height:.6g} m; allowed: ≤ {_HIGHEST:g}"
         )
+    _see_that_it_is_above_ground(apsis_of(record)[0], f"the orbit of {TLE.name}")
     return record
 
 

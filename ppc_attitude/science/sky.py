@@ -36,7 +36,7 @@ def sun_direction(days: float) -> tuple[Vector, Vector, Vector]:
     """Unit vector to the Sun and its first two derivatives [1/s], [1/s²].
 
     Low-precision formula of the Astronomical Almanac, geocentric, mean equator and equinox of date;
-    good to 0.011°.
+    good to 0.011° from 1900 to 2100 (`days_of` takes no other date).
     """
     per_day = math.radians(1.0) / DAY  # degrees a day in rad/s
     g = math.radians(357.528 + 0.9856003 * days)
@@ -122,14 +122,17 @@ def days_of(name: str, epoch: str) -> float:
     Raises
     ------
     ConfigurationError
-        Not a date.
+        Not a date, or none of 1900 to 2100.
     """
     try:
         # Python 3.10 does not know the Z of UTC.
         instant = datetime.fromisoformat(re.sub(r"(?<=\d)Z$", "+00:00", epoch))
+        if not 1900 <= instant.year <= 2100:
+            raise ValueError
     except ValueError:
         raise ConfigurationError(
-            f"{name} = {epoch!r}; allowed: a date such as 2025-01-01 or 2025-01-01T06:30:00 (UTC)"
+            f"{name} = {epoch!r}; allowed: a date such as 2025-01-01 or 2025-01-01T06:30:00 (UTC), "
+            "from 1900 to 2100"
         ) from None
     if instant.tzinfo is None:
         instant = instant.replace(tzinfo=timezone.utc)

@@ -44,7 +44,7 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.orbit import CURSOR, EARTH_RADIUS, J2, MU, orbit_at
-from ppc_attitude.science.orbit_elements import epoch_of
+from ppc_attitude.science.orbit_elements import apsis_of, epoch_of
 from ppc_attitude.science.parameter import Parameter, filled, record_type
 from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.science.plates import (
@@ -166,11 +166,7 @@ def configure(values: Mapping[str, Any]) -> Any:
 
 def _lowest(craft: Any) -> tuple[float, float]:
     """Radius of the perigee, J2's short waves included, and semi-major axis [m]."""
-    r, v = craft["field"]["orbit"]["position"], craft["field"]["orbit"]["velocity"]
-    radius = float(np.linalg.norm(r))
-    eccentricity = float(np.linalg.norm(np.cross(v, np.cross(r, v)) / MU - r / radius))
-    semi_major_axis = 1.0 / (2.0 / radius - float(v @ v) / MU)
-    perigee = semi_major_axis * (1.0 - eccentricity)
+    perigee, semi_major_axis = apsis_of(craft["field"]["orbit"])
     lower = 3.0 * J2 * (1.0 + J2) * EARTH_RADIUS**2 / perigee  # to the second order
     return perigee - lower, semi_major_axis
 

@@ -111,6 +111,7 @@ MEMORY = record_type(
     ("sigma", np.float64),  # [rad] largest of the attitude's three
     ("nis", np.float64, (INNOVATIONS,)),  # of the last fixes that were used
     ("used", np.int64),  # how many there were
+    ("mean_nis", np.float64),  # of those that are remembered
 )
 
 
@@ -228,6 +229,9 @@ def take_fix(memory: Any, settings: Any, valid_ns: int, fix: Quaternion) -> tupl
             known = updated(before, z, covariance)
             memory.nis[memory.used % INNOVATIONS] = nis
             memory.used += 1
+            memory.mean_nis = 0.0
+            for k in range(min(memory.used, INNOVATIONS)):
+                memory.mean_nis += memory.nis[k] / min(memory.used, INNOVATIONS)
             memory.accepted += 1
             refusals.agreeing = 0
         else:
