@@ -235,12 +235,12 @@ def test_memory_stays_below_the_stated_multiple_of_the_bag(tmp_path: Path) -> No
         assert re.search(message, line), f"{line} is not {message}"
 
 
-def attitudes(count: int, behind: bytes = b"") -> bytes:
-    """Records of a topic and its messages, with something behind each message."""
+def attitudes(count: int, behind: bytes = b"", step: int = 1) -> bytes:
+    """Records of a topic and its messages, with something behind each; −1: the last one first."""
     schema = record(3, struct.pack("<H", 9) + text(ATTITUDE.msgtype.encode(), b"", b""))
     channel = record(4, struct.pack("<HH", 9, 9) + text(b"/attitude", b"cdr", b""))
     codec, values = Codec(ATTITUDE), tuple(RUN["attitude"][0])
-    told = (codec.encode(step * 10_000_000, values) for step in range(count))
+    told = (codec.encode(k * 10_000_000, values) for k in range(count)[::step])
     head = struct.pack("<HIQQ", 9, 0, 0, 0)
     return schema + channel + b"".join(record(5, head + data) + behind for data in told)
 
@@ -260,6 +260,7 @@ def many_topics(part: int) -> bytes:
             id="interrupted in a chunk",
         ),
         pytest.param(many_topics, id="many topics"),
+        pytest.param(lambda part: attitudes(16_000 // part, step=-1), id="backwards"),
     ],
 )
 def test_time_grows_with_the_bag_and_not_faster(

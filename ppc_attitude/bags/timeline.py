@@ -18,7 +18,8 @@ The plant is the master of time: the instants of a run are the stamps of what it
 completed to a regular grid where all of its messages of an instant are missing.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -213,7 +214,8 @@ def _keep_last_epoch(series: dict[Topic, Series], master: Topic, warnings: list[
         if first:  # two who answer at once, one of them late, make a topic go back elsewhere too
             own = np.array(_resets(messages.stamps), np.int64)
             # One that comes seldom does not go back at every reset: not to one before the last.
-            own = own[firsts[np.abs(own[:, None] - firsts).argmin(axis=1)] == first]
+            nearer = firsts[firsts < first][-1:]
+            own = own[(2 * own > first + nearer) if nearer.size else slice(None)]
             if own.size:
                 first = int(own[np.abs(own - first).argmin()])
             elif (  # sent with the first state, and before it
@@ -227,20 +229,22 @@ def _keep_last_epoch(series: dict[Topic, Series], master: Topic, warnings: list[
 
 def _resets(stamps: Integers) -> list[int]:
     """Index of the first message after each backward jump."""
-    epochs = [0]
-    while jump := _first_jump(stamps[epochs[-1] :]):
-        epochs.append(epochs[-1] + jump)
-    return epochs[1:]
+    return list(_jumps(stamps))
 
 
-def _first_jump(stamps: Integers) -> int:
-    """Index of the first message after the first backward jump; 0 if there is none."""
-    newest = np.maximum.accumulate(stamps)
-    late = np.concatenate([[False], stamps[1:] < newest[:-1], [False]])
-    borders = np.flatnonzero(np.diff(late.astype(np.int8)))
-    first, last = borders[::2] + 1, borders[1::2] + 1
-    jumps = first[last - first > _LONGEST_DELAY]
-    return int(jumps[0]) if len(jumps) else 0
+def _jumps(stamps: Integers) -> Iterator[int]:
+    """Yield the index of the first message after each backward jump, in one pass."""
+    if (stamps[1:] >= stamps[:-1]).all():
+        return
+    told, newest, late, k = stamps.tolist(), -math.inf, 0, 0
+    while k < len(told):
+        late = late + 1 if told[k] < newest else 0
+        newest = max(newest, told[k])
+        if late > _LONGEST_DELAY:
+            k -= _LONGEST_DELAY
+            yield k
+            newest, late = told[k], 0
+        k += 1
 
 
 def _without_leaps(topic: Topic, messages: Series, warnings: list[str]) -> Series:
@@ -250,7 +254,7 @@ def _without_leaps(topic: Topic, messages: Series, warnings: list[str]) -> Serie
     """
     kept, start = np.arange(len(messages.stamps)), 0
     for _ in range(_MOST_LEAPS):
-        jump = _first_jump(messages.stamps[kept[start:]])
+        jump = next(_jumps(messages.stamps[kept[start:]]), 0)
         if not jump:
             break
         start += jump
