@@ -31,6 +31,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numba.core import caching, config
 
+from ppc_attitude.processes.imports import drop_empty_entries
 from ppc_attitude.science import kernel
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import CacheFile, Matrix, Vector
@@ -88,13 +89,14 @@ def test_processes_that_save_at_once_get_no_code_of_each_other(tmp_path: Path) -
 def test_threads_that_compile_leave_numbas_setting_as_it_was() -> None:
     """Else compiled code lands where the user stands, and would be executed from there."""
     before, inside = (config.CACHE_DIR, caching.IndexDataCacheFile), threading.Event()
-    second = SimpleNamespace(enable_caching=inside.set, _cache=SimpleNamespace())
+    caches = [SimpleNamespace(_index_key=tuple) for _ in range(2)]
+    second = SimpleNamespace(enable_caching=inside.set, _cache=caches[1])
 
     def enable() -> None:
         waiting.append(other.submit(kernel.open_cache, second, kernel.__name__))
         assert not inside.wait(0.2)  # [s] it would take microseconds
 
-    first, waiting = SimpleNamespace(enable_caching=enable, _cache=SimpleNamespace()), []
+    first, waiting = SimpleNamespace(enable_caching=enable, _cache=caches[0]), []
     with ThreadPoolExecutor(1) as other:
         kernel.open_cache(first, kernel.__name__)
         waiting[0].result()
@@ -133,14 +135,19 @@ def printed(code: str, folder: Path, **environment: str) -> str:
 def test_a_kernel_is_compiled_anew_when_what_it_calls_has_changed(
     tmp_path: Path, file: str, old: str, new: str, code: str
 ) -> None:
-    """Numba itself looks only at the kernel's own file, and would run old machine code."""
+    """Numba itself looks only at the kernel's own file, and would run old machine code.
+
+    Nor does it look at more where it keeps that for the user, because the package is read-only.
+    """
     copy = tmp_path / "ppc_attitude"
     shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    before = printed(code, tmp_path, PYTHONPATH=str(tmp_path))
+    (copy / "science" / "__pycache__").write_text("a folder cannot be made here, not even by root")
+    places = {"PYTHONPATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "home")}
+    before = printed(code, tmp_path, **places)
     source = (copy / file).read_text(encoding="utf-8")
     assert source.count(old) == 1
     (copy / file).write_text(source.replace(old, new), encoding="utf-8")
-    assert printed(code, tmp_path, PYTHONPATH=str(tmp_path)) != before
+    assert printed(code, tmp_path, **places) != before
 
 
 def refers(**changed: Any) -> Any:
@@ -235,6 +242,25 @@ def test_kernels_that_have_no_place_are_refused_with_the_way_out(tmp_path: Path,
     assert ended.returncode == 2, ended.stderr
     assert f"compiled kernels have no place: neither {blocked}" in ended.stderr
     assert ended.stderr.endswith("set NUMBA_CACHE_DIR to one that can\n")
+
+
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])  # of the index, and of the machine code
+@pytest.mark.parametrize("content", [b"", b"garbage", b"\x80\x05half"])
+def test_what_is_damaged_in_the_cache_is_compiled_again(
+    tmp_path: Path, ending: str, content: bytes
+) -> None:
+    kept = CacheFile(str(tmp_path), "step", source_stamp=0)
+    for _ in range(2):
+        kept.save("key", b"machine code")
+        assert kept.load("key") == b"machine code"
+        next(tmp_path.glob(f"*.{ending}")).write_bytes(content)
+        assert kept.load("key") is None
+
+
+def test_machine_code_is_not_kept_in_the_current_folder_because_the_users_is_named_empty() -> None:
+    environment = {"XDG_CACHE_HOME": "", "PATH": "/bin:"}
+    drop_empty_entries(environment)
+    assert environment == {"PATH": "/bin"}
 
 
 def test_a_full_cache_is_told_with_its_folder(

@@ -65,7 +65,9 @@ class _Finder(PathFinder):
 
 
 def drop_empty_entries(environment: MutableMapping[str, str]) -> None:
-    """Let no search path of an environment name the current folder by an empty entry."""
+    """Let nothing empty in an environment name the current folder."""
+    if not environment.get("XDG_CACHE_HOME", "-"):  # Numba would keep and load machine code here
+        del environment["XDG_CACHE_HOME"]
     for name in _SEARCHED:
         entries = [each for each in environment.pop(name, "").split(os.pathsep) if each]
         if entries:

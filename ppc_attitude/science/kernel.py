@@ -21,10 +21,9 @@ allocates nothing, and they are values, so no function changes its caller's vect
 import hashlib
 import math
 import os
-import sys
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar, cast
 
@@ -37,7 +36,7 @@ from numba.core.runtime.nrt import rtsys
 from numba.extending import intrinsic
 
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.referred import digest_of
+from ppc_attitude.science.referred import digest_of, sources_of
 
 Vector: TypeAlias = tuple[float, float, float]
 Quaternion: TypeAlias = tuple[float, float, float, float]  # x y z w
@@ -51,7 +50,7 @@ ir: Any = vars(cgutils)["ir"]  # the builder of machine code that Numba uses
 carray: Any = vars(numba)["carray"]  # Numba does not say that it exports it
 _SETTINGS: Any = _numba_config  # its names are made at run time
 _CACHING: Any = caching  # where Numba looks up the class of its cache files
-_PACKAGE = Path(__file__).parent.parent
+_PACKAGE = __name__.partition(".")[0]
 
 # No fastmath: the node, the in-process loop and the replay must agree to the last bit.
 OPTIONS: dict[str, Any] = {"error_model": "numpy"}
@@ -59,34 +58,12 @@ OPTIONS: dict[str, Any] = {"error_model": "numpy"}
 _OF_KERNELS: dict[str, Any] = {**OPTIONS, "nogil": True, "no_cfunc_wrapper": True}
 
 
-@cache
 def _cache_folder(package: str) -> str:
-    """Where compiled kernels of a package are kept: one folder for each state of the sources.
-
-    Numba looks for a change only in the file of the kernel itself. Kernels call functions and hold
-    constants of other files, so after an edit, or an update of some files, it would run old
-    machine code. Of a package of somebody else's all files count, be it a namespace without a file
-    of its own; of a module that is in no package, those beside it.
-    """
-    sources = [
-        source
-        for folder in ("science", "contract", "simulation")
-        for source in sorted((_PACKAGE / folder).rglob("*.py"))
-    ]
-    module = sys.modules.get(package)
-    if package != _PACKAGE.name:
-        folders, file = getattr(module, "__path__", ()), getattr(module, "__file__", None)
-        sources += [source for each in folders for source in sorted(Path(each).rglob("*.py"))]
-        if file and not folders:
-            sources += sorted(Path(file).parent.glob("*.py"))
-    digest = hashlib.sha256()
-    for source in sources:
-        with suppress(OSError):  # not everything beside a module is for this user to read
-            digest.update(source.read_bytes())
+    """Where compiled kernels of a package are kept: one folder for each state of the sources."""
     # Numba's own setting may come from a file in the folder where the user stands: what is loaded
     # from a cache is executed.
     root = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parent / "__pycache__")
-    return str(root / f"ppc_attitude-{digest.hexdigest()[:16]}")
+    return str(root / f"ppc_attitude-{sources_of(package)}")
 
 
 class CacheFile(caching.IndexDataCacheFile):
@@ -94,8 +71,21 @@ class CacheFile(caching.IndexDataCacheFile):
 
     Numba numbers the files by an index that it has read before. Two processes that save at once
     may give two entries one number, and for ever after the index leads from one step to the machine
-    code of another. Here the index may lose an entry, which is compiled again.
+    code of another. Here the index may lose an entry, which is compiled again, as is what cannot be
+    read: a machine that stopped may have left a file half written.
     """
+
+    def load(self: Any, key: Any) -> Any:
+        """Return the machine code of a key; None if there is none, or it is damaged."""
+        whole: Any = super()
+        with suppress(Exception):  # what unpickles a damaged file raises anything
+            return whole.load(key)
+
+    def _load_index(self: Any) -> Any:
+        whole: Any = super()
+        with suppress(Exception):
+            return whole._load_index()
+        return {}
 
     def save(self: Any, key: Any, data: Any) -> None:
         """Save the machine code of a key.
@@ -134,7 +124,8 @@ def open_cache(compiled: Any, module: str) -> None:
 
     Numba reads its process-wide settings when it opens a cache, so they are put back at once, and
     functions of somebody else's are cached where they belong. Where the folder cannot be written,
-    Numba falls back to the user's own. Threads do this one after the other, or one would put back
+    Numba falls back to one of the user's own, of all states of the sources, so these are in the key
+    of what is kept there. Threads do this one after the other, or one would put back
     what the other has set, and Numba would write to the folder where the user stands.
 
     Before it looks into a cache, Numba imports all that it compiles with, two hundred modules,
@@ -163,11 +154,12 @@ def open_cache(compiled: Any, module: str) -> None:
         finally:
             _SETTINGS.CACHE_DIR, _CACHING.IndexDataCacheFile = before
     cache = compiled._cache
-    if package == _PACKAGE.name:
+    key, told = cache._index_key, sources_of(package)
+    if package == _PACKAGE:
         cache.load_overload = partial(_load, cache)
-    else:  # in its folder are the changes of its own package, and of ours
-        key, told = cache._index_key, digest_of(compiled)
-        cache._index_key = lambda *asked: (*key(*asked), told)
+    else:  # it may refer to other packages than its own and ours
+        told += digest_of(compiled)
+    cache._index_key = lambda *asked: (*key(*asked), told)
 
 
 def _load(cache: Any, signature: Any, target: Any) -> Any:
@@ -193,10 +185,10 @@ def _compiled(function: _Function, inline: bool) -> _Function:
     # The columns of a record lie side by side. A kernel of somebody else's that writes beyond one
     # would change the next, or other memory, and nobody would notice: its bounds are checked.
     package = function.__module__.partition(".")[0]
-    options = {**_OF_KERNELS, "forceinline": inline, "boundscheck": package != _PACKAGE.name}
+    options = {**_OF_KERNELS, "forceinline": inline, "boundscheck": package != _PACKAGE}
     compiled: Any = numba.njit(**options)(function)
     compiled._cache = _Unopened(compiled)
-    _cache_folder(package)  # the sources as they are now
+    sources_of(package)  # as they are now
     return cast(_Function, compiled)
 
 

@@ -42,7 +42,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.given import misfit, misfit_text, rules_of
 from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.kernel import OPTIONS, carray, open_cache, pointer_to
-from ppc_attitude.science.referred import digest_of
+from ppc_attitude.science.referred import digest_of, sources_of
 from ppc_attitude.science.stamps import seconds
 
 _OPTIONS = {**OPTIONS, "boundscheck": False}
@@ -151,6 +151,7 @@ def _key_of(component: Component) -> str:
     step, records = component.step, (component.input_record, component.output_record)
     rules = rules_of(component.outputs).tolist()
     layout = repr((*records, component.configuration, component.state, rules))
+    layout += sources_of(step.__module__.partition(".")[0])
     if not _is_ours(component):
         layout += digest_of(step)
     digest = hashlib.sha256(layout.encode()).hexdigest()[:16]

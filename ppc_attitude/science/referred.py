@@ -19,15 +19,47 @@ caller. It looks for a change in the file of the function alone.
 """
 
 import hashlib
+import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from enum import Enum
+from functools import cache
+from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
 
 _OURS = __name__.partition(".")[0]
+_ROOT = Path(__file__).parent.parent
 _PLAIN = bool | int | float | complex | str | bytes | Enum | None
+
+
+@cache
+def sources_of(package: str) -> str:
+    """Digest of the sources that the kernels of a package may be made of.
+
+    Numba looks for a change only in the file of the kernel itself. Kernels call functions and hold
+    constants of other files, so after an edit, or an update of some files, it would run old
+    machine code. Of a package of somebody else's all files count, be it a namespace without a file
+    of its own; of a module that is in no package, those beside it.
+    """
+    sources = [
+        source
+        for folder in ("science", "contract", "simulation")
+        for source in sorted((_ROOT / folder).rglob("*.py"))
+    ]
+    module = sys.modules.get(package)
+    if package != _OURS:
+        folders, file = getattr(module, "__path__", ()), getattr(module, "__file__", None)
+        sources += [source for each in folders for source in sorted(Path(each).rglob("*.py"))]
+        if file and not folders:
+            sources += sorted(Path(file).parent.glob("*.py"))
+    digest = hashlib.sha256()
+    for source in sources:
+        with suppress(OSError):  # not everything beside a module is for this user to read
+            digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def digest_of(function: Any) -> str:
