@@ -295,6 +295,18 @@ def test_a_plant_in_any_rhythm_has_no_gaps(tmp_path: Path) -> None:
     read = read_run(tmp_path / "bag")
     np.testing.assert_array_equal(read.stamps_ns, stamps)
     assert read.missing == {}
+    assert "nobody knows whether messages are missing" in read.warnings[0]
+
+
+def test_a_plant_in_any_rhythm_may_have_a_break(tmp_path: Path) -> None:
+    stamps = 10_000_000 * np.cumsum([0, *[1, 3, 1, 3, 1] * 10, 31, *[3, 1, 3, 1] * 12, 1])
+    columns = {"attitude": RUN["attitude"]}
+    run = replace(RUN, stamps_ns=stamps, columns=columns, parameters={})
+    write_run(run, tmp_path / "bag")
+    read = read_run(tmp_path / "bag")
+    assert read.missing == {"attitude": 1}
+    assert np.flatnonzero(np.isnan(read["attitude"][:, 0])).tolist() == [51]
+    assert read.stamps_ns[50:53].tolist() == [stamps[50], stamps[50] + 30_000_000, stamps[51]]
 
 
 def test_what_is_asked_for_and_missing_is_an_error(tmp_path: Path) -> None:

@@ -198,3 +198,56 @@ def test_verdict_says_when_the_wheels_momentum_ran_out():
     full = t[6.0 * t > 0.99 * 600.0][0]
     assert not judged.met
     assert judged.note == f"wheel 1 is above it from {full:g} s on: momentum runs out"
+
+
+def with_gap(run, start, end):
+    """The run without what is between two times [s]."""
+    between = slice(round(100 * start) + 1, round(100 * end))
+    for column in ("attitude", "angular_velocity"):
+        run = with_rows(run, column, between, np.nan)
+    return run
+
+
+NOTHING = "nothing is on record from {} to {} s".format
+
+
+@pytest.mark.parametrize(  # the run settles at 43.89 s
+    ("start", "end", "key", "met", "told"),
+    [
+        (40.0, 50.0, "settling_time", True, f"at most: {NOTHING(40, 50)}"),
+        (40.0, 65.0, "settling_time", None, NOTHING(40, 65)),
+        (45.0, 60.0, "settling_time", None, NOTHING(45, 60)),
+        (10.0, 20.0, "settling_time", True, ""),
+        (101.0, 119.0, "terminal_error", None, NOTHING(101, 119)),
+        (101.0, 102.0, "terminal_error", True, "without 101 to 102"),
+        (2.0, 8.0, "rate", True, "without 2 to 8"),
+        (2.0, 20.0, "rate", None, NOTHING(2, 20)),
+        (70.0, 70.1, "error_after_deadline", True, ""),  # ten steps are no time
+    ],
+)
+def test_nobody_knows_what_is_not_on_record(start, end, key, met, told):
+    row = requirement(Verdict(with_gap(normal_run(), start, end)), key)
+    assert (row.met, row.note) == (met, told)
+    if told.startswith("at most"):
+        assert row.value == end
+
+
+@pytest.mark.parametrize(
+    ("gap", "value", "met", "told"),
+    [
+        ((82.0, 88.0), 8.0, True, f"at most: {NOTHING(82, 88)}"),
+        ((82.0, 95.0), None, None, NOTHING(82, 95)),
+        ((80.05, 85.0), 5.0, True, f"at most: {NOTHING(80.05, 85)}"),  # the hit may not be over
+        ((85.0, 95.0), 3.41, True, ""),
+    ],
+)
+def test_nobody_knows_when_in_a_gap_the_craft_has_recovered(gap, value, met, told):
+    row = requirement(Verdict(with_gap(hit_run(), *gap)), "recovery")
+    assert (row.value, row.met, row.note) == (value, met, told)
+
+
+def test_of_steps_that_vary_nobody_knows_what_is_missing():
+    run = normal_run()
+    some = np.random.default_rng(0).random(run.stamps_ns.size) < 0.6
+    row = requirement(Verdict(part_of(run, some)), "lost_messages")
+    assert (row.met, row.reason.startswith("the steps of the record vary")) == (None, True)

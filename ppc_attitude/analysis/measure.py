@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.analysis.envelopes import Envelope, beyond, bound_of, envelopes_of, outside
+from ppc_attitude.analysis.gaps import absent_spans, clipped, known_span, lacks_too_much
 from ppc_attitude.analysis.hits import pulses_of, window
 from ppc_attitude.analysis.pulses import Pulse
 from ppc_attitude.analysis.requirements import (
@@ -42,7 +43,6 @@ from ppc_attitude.analysis.series import (
     vectors,
 )
 from ppc_attitude.analysis.truth import (
-    EXACT,
     Errors,
     control_errors,
     knowledge_errors,
@@ -51,7 +51,6 @@ from ppc_attitude.analysis.truth import (
 )
 from ppc_attitude.analysis.verdict import (
     Disturbance,
-    ErrorSize,
     Metrics,
     Requirement,
     Span,
@@ -108,7 +107,9 @@ class Measured:
         self.control = known(control_errors, record)
         self.plant = record.parameters.get(PLANT, {})
         self._actuator = ACTUATORS.selected(self.plant)
-        self.known_from, self.known_until = self._known(self.size(required.settled))
+        size = self.size(required.settled)
+        self.known_from, self.known_until = known_span(self.t, size) or self.whole
+        self.absent = absent_spans(self.t, size)
         self.lacks_attitude = self.lacks(truth.attitude, REFERENCE_ATTITUDE.column)
         self.lacks_rate = self.lacks(truth.angular_velocity)
         if self.lacks_rate:
@@ -189,8 +190,19 @@ class Measured:
     @property
     def rate_spans(self) -> tuple[Span, Span]:
         """What is known of the rate before the first sudden disturbance, and in all [s]."""
-        start, calm = self._known(self.rate[:, 0])[0], self.calm_span
+        start, calm = (known_span(self.t, self.rate[:, 0]) or self.whole)[0], self.calm_span
         return (start, calm[1]) if start < calm[1] else calm, (start, self.end)
+
+    def unseen_after(self, last: float, until: float = 0.0) -> Span | None:
+        """What is not on record from the last instant [s] of some error on, or before another.
+
+        Nobody knows when in there the error has settled.
+        """
+        return next((each for each in self.absent if last <= each[0] <= max(last, until)), None)
+
+    def unseen_before(self, instant: float) -> Span | None:
+        """What is not on record right before an instant [s]."""
+        return next((each for each in self.absent if each[1] == round(instant, 9)), None)
 
     @property
     def shorter_than_window(self) -> bool:
@@ -232,15 +244,22 @@ class Measured:
         strict: bool = False,
         without: tuple[Span, ...] = (),
         note: str = "",
+        absent: tuple[Span, ...] = (),
     ) -> Requirement:
-        """Compare a value with its limit, unless there is a reason why not; span: the whole run."""
+        """Compare a value with its limit, unless there is a reason why not; span: the whole run.
+
+        What is absent of the span is left out; if it is much, nobody knows that the limit is met.
+        """
         span = span or self.whole
+        without = (*without, *clipped(absent, span))
         if value is None and not why:
             why = f"there is no finite sample from {span_text(span)} s"
         name = self.names[key]
         if why or value is None:
             return Requirement(key, name, None, limit, unit, None, None, strict, why)
         met = value < limit if strict else value <= limit * (1.0 + SUMMATION)
+        if met and (why := lacks_too_much(absent, span)):
+            return Requirement(key, name, None, limit, unit, None, None, strict, why)
         return Requirement(key, name, value, limit, unit, met, span, strict, note, without)
 
     def size(self, accuracy: Accuracy) -> Array:
@@ -248,11 +267,6 @@ class Measured:
         if self.pointing is None:
             return np.full(self.t.size, np.nan)
         return self.pointing.in_unit_of(accuracy)
-
-    def _known(self, values: Array) -> Span:
-        """First and last instant [s] with a finite value, shape (n,); the whole if none is."""
-        finite = self.t[np.isfinite(values)]
-        return (float(finite[0]), float(finite[-1])) if finite.size else self.whole
 
     def _recovery(self, pulse: Pulse, pulses: tuple[Pulse, ...]) -> float | None:
         """`Disturbance.recovery_time_s` of one pulse."""
@@ -262,6 +276,9 @@ class Measured:
             return None
         since = np.round(self.t - pulse.start_s, 9)  # in whole nanoseconds: 90 s − 80 s is 10 s
         above = after[error[after] >= limit]
+        last = float(self.t[above[-1]]) if above.size else pulse.start_s
+        if unseen := self.unseen_after(last, pulse.start_s + pulse.duration_s):
+            return round(unseen[1] - pulse.start_s, 9)
         if above.size:
             return float(since[above[-1]])
         # Before the end the error of a hit that has just come may still grow.
@@ -285,6 +302,8 @@ class Measured:
         settling: float | None = None
         if unsettled.size:
             settling = float(self.t[unsettled[-1]])
+            if unseen := self.unseen_after(settling):
+                settling = unseen[1]
         elif not self.known_from and np.isfinite(size[self.calm]).any():
             settling = 0.0
         norm, axis = np.sqrt(np.square(self.rate).T.sum(axis=0)), component_size(self.rate)
@@ -376,22 +395,3 @@ class Measured:
     def time(self, instants: Mask) -> float:
         """How long some instants, shape (n,), last together [s]."""
         return round(float(lasting(self.record)[instants].sum()), 9) if instants.any() else 0.0
-
-    @cached_property
-    def errors(self) -> tuple[ErrorSize, ...]:
-        """Pointing, control and knowledge over the last part of the run."""
-        sizes = []
-        for name, meaning, errors in (
-            ("pointing", "truth against reference", self.pointing),
-            ("control", "told against reference", self.control),
-            ("knowledge", "truth against told", self.knowledge),
-        ):
-            angles = np.empty(0) if errors is None else np.rad2deg(errors.angles[self.last])
-            angles = angles[np.isfinite(angles)]
-            most = rms = None
-            if angles.size:
-                most, rms = float(angles.max()), float(np.sqrt(np.mean(angles**2)))
-            elif name == "knowledge" and self.truth.standing == EXACT:
-                most = rms = 0.0
-            sizes.append(ErrorSize(name, meaning, most, rms, self.last_span))
-        return tuple(sizes)

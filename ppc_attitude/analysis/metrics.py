@@ -45,13 +45,18 @@ verdict says why. T is the settling deadline and R the time allowed for a recove
   limit that the requirements set, or within what the configured noise explains.
 - *Filter*: the share of knowledge errors outside the filter's own 3σ, the mean of its squared
   innovations, and the good fixes it refused (`filter_health`).
+- *What is not on record* for more than ten steps is left out of what it is part of. If it is more
+  than a tenth of that, nobody knows that a limit is met. Where it hides when the error settled, the
+  time is told at most, and not judged if it hides on which side of the limit.
 - *Messages missing or not finite*: those missing, those that carry a NaN, an infinity or a
   number beyond any craft's (1e30), and an attitude of zeros where it is desired or what the run is
-  judged by. Such samples are skipped everywhere else.
+  judged by. Such samples are skipped everywhere else. Of instants without a rhythm nobody knows
+  that none is missing.
 """
 
 from collections.abc import Iterator
 from dataclasses import asdict
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -60,19 +65,21 @@ from ppc_attitude.analysis.envelopes import Envelope, envelopes_of, outside
 from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import judge_filter
 from ppc_attitude.analysis.flight import judge_orders
+from ppc_attitude.analysis.gaps import absent_spans, clipped, not_on_record
 from ppc_attitude.analysis.guarantee import judge_certificate
 from ppc_attitude.analysis.hits import window
 from ppc_attitude.analysis.keep_out import judge_cones
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Accuracy, Requirements, outside_names
 from ppc_attitude.analysis.reserves import judge_fuel, judge_wheels
-from ppc_attitude.analysis.series import has, largest, zero_ns
+from ppc_attitude.analysis.series import has, is_regular, largest, zero_ns
 from ppc_attitude.analysis.truth import EXACT, RECORDED, lost
 from ppc_attitude.analysis.verdict import (
     MET,
     NOT_JUDGED,
     NOT_MET,
     Disturbance,
+    ErrorSize,
     Requirement,
     number_text,
     span_text,
@@ -84,6 +91,7 @@ from ppc_attitude.science.kinds import SENSORS
 
 ROUNDING = 1e-9
 """Largest allowed difference of the reported attitude error from the one that we compute [1]."""
+NO_RHYTHM = "the steps of the record vary, so nobody knows whether messages are missing"
 NOISE_EXPLAINS = 8.0
 """Standard deviations per axis that a turn by noise never reaches: once in 1e13 samples."""
 
@@ -146,6 +154,25 @@ class Verdict(Measured):
                 what = "begins anew"  # it was started again, or switched off and on between states
             yield f"{(change.stamp_ns - zero_ns(self.record)) / 1e9:.9g}", change.node, what
 
+    @cached_property
+    def errors(self) -> tuple[ErrorSize, ...]:
+        """Pointing, control and knowledge over the last part of the run."""
+        sizes = []
+        for name, meaning, errors in (
+            ("pointing", "truth against reference", self.pointing),
+            ("control", "told against reference", self.control),
+            ("knowledge", "truth against told", self.knowledge),
+        ):
+            angles = np.empty(0) if errors is None else np.rad2deg(errors.angles[self.last])
+            angles = angles[np.isfinite(angles)]
+            most = rms = None
+            if angles.size:
+                most, rms = float(angles.max()), float(np.sqrt(np.mean(angles**2)))
+            elif name == "knowledge" and self.truth.standing == EXACT:
+                most = rms = 0.0
+            sizes.append(ErrorSize(name, meaning, most, rms, self.last_span))
+        return tuple(sizes)
+
     @property
     def changes(self) -> tuple[str, ...]:
         """Parameters that were changed in flight, each in a few words."""
@@ -184,7 +211,9 @@ class Verdict(Measured):
             why = self.lacks_rate or self.lacks_calm
             rate = self.metrics.max_rate_deg_s
             note = self._whole_run(rate, self.metrics.max_rate_whole_run_deg_s, "deg/s")
-            yield self.row("rate", rate, required.rate, "deg/s", why, self.rate_spans[0], note=note)
+            span, absent = self.rate_spans[0], absent_spans(self.t, self.rate[:, 0])
+            limit = required.rate
+            yield self.row("rate", rate, limit, "deg/s", why, span, note=note, absent=absent)
         if required.torque is not None:
             why = self.lacks_torque_limit
             yield self._column("applied_torque", APPLIED_TORQUE.column, self.torque_limit, why)
@@ -203,7 +232,9 @@ class Verdict(Measured):
         yield from self._reported()
         yield from self._knowledge()
         yield from judge_filter(self)
-        yield self.row("lost_messages", float(lost(self.record)), 0.0)
+        missing = float(lost(self.record))
+        why = "" if missing or is_regular(self.record) else NO_RHYTHM
+        yield self.row("lost_messages", missing, 0.0, why=why)
 
     @staticmethod
     def _whole_run(judged: float | None, whole: float | None, unit: str) -> str:
@@ -226,8 +257,13 @@ class Verdict(Measured):
                 why = why or f"the record of the error begins at {value:g} s, after the deadline"
         if not why and self.metrics.settled is False and (value or 0.0) < deadline:
             why = f"a sudden disturbance came when it was {note}"
-        key, span = "settling_time", self.calm_span
-        return self.row(key, value, deadline, "s", why, span, strict=True, note=note)
+        if value is not None and (unseen := self.unseen_before(value)):
+            note = f"at most: {not_on_record(unseen)}"
+            if unseen[0] < deadline <= value:  # nobody knows on which side of it
+                why = why or not_on_record(unseen)
+        key, span, since = "settling_time", self.calm_span, (value or 0.0, self.end)
+        absent = clipped(self.absent, since)
+        return self.row(key, value, deadline, "s", why, span, strict=True, note=note, absent=absent)
 
     def _after_deadline(self) -> Requirement:
         accuracy, why = self.required.settled, self.lacks_settled
@@ -244,6 +280,7 @@ class Verdict(Measured):
             span,
             strict=True,
             without=self.recoveries,
+            absent=self.absent,
         )
 
     def _terminal(self, accuracy: Accuracy) -> Requirement:
@@ -262,6 +299,7 @@ class Verdict(Measured):
             self.lacks_attitude or self.ends_before(self.terminal_from, what) or begins,
             self.last_span,
             strict=True,
+            absent=self.absent,
         )
 
     def _column(self, key: str, column: str, limit: float, why: str = "") -> Requirement:
@@ -280,7 +318,8 @@ class Verdict(Measured):
         without = tuple(each for each in self.untold if each[0] < span[1])
         if (span,) == without:
             why = why or f"the law was told no attitude from {span_text(span)} s"
-        yield self.row(key, time, 0.0, "s", why, span, without=without, note=note)
+        absent = self.absent
+        yield self.row(key, time, 0.0, "s", why, span, without=without, note=note, absent=absent)
         limit = self.required.outside_after_hit
         if envelope.jumps and self.hits and limit is not None:
             longest = max(self.time(beyond & window(self.t, hit, self.hits)) for hit in self.hits)
@@ -288,7 +327,7 @@ class Verdict(Measured):
 
     def _recovered(self, hits: list[Disturbance]) -> Requirement:
         """Judge the slowest recovery from the hits that are judged by it."""
-        limit, span = self.required.recovery, (hits[0].start_s, self.end)
+        limit, span, note = self.required.recovery, (hits[0].start_s, self.end), ""
         slowest, why, never = None, self.lacks_attitude, ""
         for hit, following in zip(hits, [*hits[1:], None], strict=True):
             stop = min(following.start_s if following else np.inf, self.known_until)
@@ -297,6 +336,10 @@ class Verdict(Measured):
             cut = following is None and time < limit
             if hit.recovery_time_s is not None and not cut:
                 slowest = max(hit.recovery_time_s, slowest or 0.0)
+                if unseen := self.unseen_before(hit.start_s + hit.recovery_time_s):
+                    note = f"at most: {not_on_record(unseen)}"
+                    if unseen[0] - hit.start_s <= limit < hit.recovery_time_s:
+                        why = why or not_on_record(unseen)
             elif time > limit:
                 never = f"not recovered from the sudden disturbance at {hit.start_s:g} s"
             elif following is None and not never and (slowest or 0.0) <= limit:
@@ -305,7 +348,7 @@ class Verdict(Measured):
         if never and not why:
             name = self.names["recovery"]
             return Requirement("recovery", name, None, limit, "s", False, span, reason=never)
-        return self.row("recovery", slowest, limit, "s", why, span)
+        return self.row("recovery", slowest, limit, "s", why, span, note=note)
 
     def _reported(self) -> Iterator[Requirement]:
         """Compare the reported error with the one that we compute; q_e and −q_e are the same."""

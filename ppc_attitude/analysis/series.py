@@ -107,11 +107,16 @@ def lasting(record: RunRecord) -> Array:
     """
     t = elapsed(record)
     h = step(t)
-    if t.size > 1:
-        steps = np.diff(t, append=t[-1] + h)
-        if not is_steady(steps, h):
-            return np.asarray(steps, dtype=np.float64)
-    return np.full(t.size, h)
+    if is_regular(record):
+        return np.full(t.size, h)
+    return np.asarray(np.diff(t, append=t[-1] + h), dtype=np.float64)
+
+
+@once
+def is_regular(record: RunRecord) -> bool:
+    """Whether the instants follow a rhythm, in which it can be told what is missing."""
+    t = elapsed(record)
+    return t.size < 2 or is_steady(np.diff(t, append=t[-1] + step(t)), step(t))
 
 
 def samples(record: RunRecord, column: str) -> Array:

@@ -305,7 +305,9 @@ def _complete(
     three = np.convolve(np.pad(steps, 1, constant_values=round(period)), [1, 1, 1], "valid")
     lost = np.minimum(lost, np.maximum(np.rint(three / period).astype(np.int64) - 3, 0))
     total = int(lost.sum())
-    if total == 0 or (rate is None and not is_steady(steps, period)):
+    if rate is None and not is_steady(steps, period):
+        return _with_breaks(stamps, warnings), 0
+    if total == 0:
         return stamps, 0
     if total > most:
         warnings.append(
@@ -318,6 +320,19 @@ def _complete(
     if rate:
         between = _on_grid(between, rate, stamps)
     return np.sort(np.concatenate([stamps, between])), 0
+
+
+def _with_breaks(stamps: Integers, warnings: list[str]) -> Integers:
+    """Put an instant of which nothing is known into each long step of those that vary."""
+    steps = np.diff(stamps)
+    low, high = (seconds(int(each)) for each in (steps.min(), steps.max()))
+    warnings.append(
+        f"the steps between instants vary from {low:g} to {high:g} s, so nobody knows whether "
+        "messages are missing"
+    )
+    usual = int(np.quantile(steps, _USUAL))
+    breaks = stamps[:-1][steps > _LONGEST_HOLD * usual]
+    return np.sort(np.concatenate([stamps, breaks + usual]))
 
 
 def _on_grid(between: Integers, rate: float, stamps: Integers) -> Integers:

@@ -1,0 +1,62 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What of a run is not on record: nobody knows what the craft did meanwhile."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from ppc_attitude.analysis.series import step
+from ppc_attitude.analysis.verdict import Span, span_text
+from ppc_attitude.contract.run_record import Array
+
+LONGEST = 10
+"""Steps without a number after which nobody knows what the number was meanwhile."""
+_SHARE = 0.1
+"""Of what is judged, the share that may be absent."""
+
+
+def known_span(t: Array, values: Array) -> Span | None:
+    """First and last instant [s] with a finite value, each of shape (n,); None if none is."""
+    finite = t[np.isfinite(values)]
+    return (float(finite[0]), float(finite[-1])) if finite.size else None
+
+
+def absent_spans(t: Array, values: Array) -> tuple[Span, ...]:
+    """Between which instants [s] no value is finite for long, each of shape (n,)."""
+    finite = np.flatnonzero(np.isfinite(values))
+    lasts = np.round(np.diff(t[finite]), 9)
+    long = np.flatnonzero((np.diff(finite) > 1) & (lasts > LONGEST * step(t)))
+    return tuple((float(t[finite[k]]), float(t[finite[k + 1]])) for k in long)
+
+
+def clipped(spans: Iterable[Span], within: Span) -> tuple[Span, ...]:
+    """The parts of some spans [s] that lie within another."""
+    parts = ((max(start, within[0]), min(end, within[1])) for start, end in spans)
+    return tuple(part for part in parts if part[0] < part[1])
+
+
+def lacks_too_much(spans: Iterable[Span], within: Span) -> str:
+    """Why a span [s] cannot be judged of which some are absent; empty if it can."""
+    parts = clipped(spans, within)
+    absent = sum(end - start for start, end in parts)
+    if absent <= _SHARE * (within[1] - within[0]):
+        return ""
+    return not_on_record(*parts)
+
+
+def not_on_record(*spans: Span) -> str:
+    """Say that some spans are not on record."""
+    return f"nothing is on record from {', '.join(map(span_text, spans))} s"
