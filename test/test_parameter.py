@@ -149,3 +149,11 @@ def test_an_unknown_name_is_refused_with_the_nearest_known_one() -> None:
 def test_a_refused_value_names_its_owner() -> None:
     with pytest.raises(ConfigurationError, match=r"^node: gain = -1.0 N·m; allowed: finite, > 0"):
         resolved(TABLE, {"gain": -1.0}, "node")
+
+
+def test_who_sends_a_million_numbers_does_not_get_them_back() -> None:
+    with pytest.raises(
+        ConfigurationError, match=r"^node: axis = \[0\.0, .* … .*; allowed: "
+    ) as told:
+        resolved(TABLE, {"axis": [0.0] * 1_000_000}, "node")
+    assert len(str(told.value)) < 5000

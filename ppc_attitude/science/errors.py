@@ -17,9 +17,19 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+_LONGEST = 4000  # characters
+
 
 class ConfigurationError(ValueError):
-    """A parameter is wrong; the message names it, its value and what is allowed."""
+    """A parameter is wrong; the message names it, its value and what is allowed.
+
+    Who sends a million numbers does not get them back: the middle of a long message is left out.
+    """
+
+    def __init__(self, text: str) -> None:
+        if len(text) > _LONGEST:
+            text = f"{text[: _LONGEST // 2]} … {text[-_LONGEST // 2 :]}"
+        super().__init__(text)
 
 
 @contextmanager
