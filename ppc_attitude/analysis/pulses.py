@@ -45,7 +45,10 @@ SAME_TORQUE = 0.004
 """Two torques that differ by less on every axis are taken as one [actuators]."""
 
 MOST_STEPS = 1000
-"""A torque with more steps is a rough signal throughout: there is no rest to find pulses in."""
+"""A torque with more steps is a rough signal, in which a step has to stand out."""
+
+STANDS_OUT = 10.0
+"""A step of a rough signal counts from so many times their median on; noise reaches eight."""
 
 
 _Found = tuple[int, int, tuple[float, float, float]]
@@ -75,8 +78,8 @@ def find_pulses(
 ) -> tuple[Pulse, ...]:
     """Find the sudden disturbances in an external torque.
 
-    A torque that never steps has no pulse, however large it is; nor has one that steps more than
-    `MOST_STEPS` times. Equal pulses that touch are one.
+    A torque that never steps has no pulse, however large it is. Of one that steps more than
+    `MOST_STEPS` times only the pulses that stand out are found. Equal pulses that touch are one.
 
     Parameters
     ----------
@@ -103,10 +106,13 @@ def find_pulses(
     if not rows.all():
         t, torque = t[rows], torque[rows]
     drift = 0.0 if environment == 0.0 else DRIFT * np.maximum(np.diff(t) - interval, 0.0)
-    at, heights = _steps(t, torque, (SMALLEST_STEP + drift) * actuator)
+    unit = actuator
+    at, heights = _steps(t, torque, (SMALLEST_STEP + drift) * unit)
+    if at.size > MOST_STEPS:
+        unit = STANDS_OUT * float(np.median(np.abs(heights).max(axis=1))) / SMALLEST_STEP
+        at, heights = _steps(t, torque, (SMALLEST_STEP + drift) * unit)
     if not 0 < at.size <= MOST_STEPS:
         return ()
-    same = SAME_TORQUE * actuator
     if environment == 0.0:  # rest is zero
         first = torque[0]
     else:
@@ -117,7 +123,7 @@ def find_pulses(
     times = [edges[0], *t[at].tolist(), edges[1]]
     return tuple(
         Pulse(times[start], round(times[stop] - times[start], 9), extra)
-        for start, stop, extra in sorted(_paired(rises, same, SMALLEST_STEP * actuator))
+        for start, stop, extra in sorted(_paired(rises, SAME_TORQUE * unit, SMALLEST_STEP * unit))
     )
 
 
