@@ -235,7 +235,8 @@ def test_what_is_written_replaces_a_link_and_leaves_what_is_behind_it(
         (tmp_path / name).symlink_to(mine)
     write(tmp_path / name)
     assert mine.read_text() == "years of work"
-    assert {path.name for path in tmp_path.iterdir()} == {"thesis.tex", name}
+    names = {"thesis.tex", name, f"{name}.unfinished"}
+    assert {path.name for path in tmp_path.iterdir()} == names
     assert not (tmp_path / name).is_symlink()
 
 

@@ -20,13 +20,12 @@ from pathlib import Path
 
 import pytest
 
-from ppc_attitude.contract.whole_file import unfinished_of, whole_file, write_whole
+from ppc_attitude.contract.whole_file import whole_file, write_whole
 
 
 def test_a_file_is_as_it_was_until_the_new_one_is_whole(tmp_path: Path) -> None:
     path = tmp_path / "not" / "yet" / "there.txt"
     write_whole(path, "first")
-    unfinished_of(path).write_text("left by a process that was killed")
 
     def break_off() -> None:
         with whole_file(path) as file:
@@ -39,6 +38,18 @@ def test_a_file_is_as_it_was_until_the_new_one_is_whole(tmp_path: Path) -> None:
     write_whole(path, "second")
     assert path.read_text() == "second"
     assert list(path.parent.iterdir()) == [path]
+
+
+def test_two_that_write_one_file_each_write_a_whole_one(tmp_path: Path) -> None:
+    path, mine = tmp_path / "report.html", tmp_path / "report.html.unfinished"
+    mine.write_text("years of work")
+    with whole_file(path) as first:
+        first.write(b"first")
+        write_whole(path, "second")
+        assert path.read_text() == "second"
+    assert path.read_text() == "first"
+    assert mine.read_text() == "years of work"
+    assert {*tmp_path.iterdir()} == {path, mine}
 
 
 def test_a_disk_that_is_full_is_told_with_the_file_that_it_has_no_room_for(tmp_path: Path) -> None:

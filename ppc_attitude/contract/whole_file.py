@@ -22,30 +22,40 @@ from pathlib import Path
 from typing import BinaryIO
 
 
-def unfinished_of(path: Path) -> Path:
-    """Place of a file that is still growing."""
-    return path.with_name(f"{path.name}.unfinished")
+def unfinished_of(path: Path, others: int = 0) -> Path:
+    """Place of a file that is still growing, beside so many others."""
+    return path.with_name(f"{path.name}{f'.{others}' if others else ''}.unfinished")
 
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
     """File to write, beside its place while it grows, in a folder that is made if there is none.
 
-    No step follows a link of somebody else's. What the system refuses names the file: a disk that
-    is full does not.
+    No step follows or deletes what is somebody else's, as the file of another process that writes
+    the same. What the system refuses names the file: a disk that is full does not.
     """
-    unfinished = unfinished_of(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished.unlink(missing_ok=True)  # a process that was killed may have left it
+    unfinished, opened = _opened(path)
     try:
-        with unfinished.open("xb") as file:
+        with opened as file:
             yield file
         unfinished.replace(path)
-    except OSError as error:
-        error.filename = error.filename or str(path)
-        raise
-    finally:
+    except BaseException as error:
         unfinished.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            error.filename = error.filename or str(path)
+        raise
+
+
+def _opened(path: Path) -> tuple[Path, BinaryIO]:
+    """Make and open the first place that is free."""
+    others = 0
+    while True:
+        unfinished = unfinished_of(path, others)
+        try:
+            return unfinished, unfinished.open("xb")
+        except FileExistsError:
+            others += 1
 
 
 def dated(folder: str) -> Path:
