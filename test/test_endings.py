@@ -15,6 +15,7 @@
 """Commands end in good order: whatever becomes of their output, and whenever they are asked to."""
 
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -27,6 +28,7 @@ from typing import Any
 
 import pytest
 from conftest import Ask, StartProcess
+from craft_helpers import overlay
 from process_helpers import (
     COMMAND,
     ENDLESS,
@@ -41,6 +43,7 @@ from process_helpers import (
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line import stack
+from ppc_attitude.command_line.commands import simulate
 from ppc_attitude.command_line.options import REPORT
 from ppc_attitude.command_line.stack import Stack, StackError
 from ppc_attitude.contract.topics import CONTROLLER, NODES, PLANT, RECORDER
@@ -80,6 +83,28 @@ def test_a_terminal_of_few_letters_gets_the_codes_of_others() -> None:
     done = subprocess.run(SIMULATE, env=environment, capture_output=True, check=False)
     assert done.returncode == 0, done.stderr
     assert rb"\u2264 3 deg/s" in done.stdout
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize(
+    "options", ["--bag run", "--bag run --config stored.yaml", "--export t.csv", "--report r.html"]
+)
+def test_a_file_that_has_no_room_is_no_mistake_of_the_input(
+    options: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Ask
+) -> None:
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def fill(*_: object, **__: object) -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+
+    monkeypatch.setattr(simulate, "print_verdict", fill)
+    monkeypatch.chdir(tmp_path)
+    overlay(tmp_path / "stored.yaml", {RECORDER: {"storage": "sqlite3"}})
+    try:
+        told = ask(*WORDS, *options.split(), code=3).err
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert told.startswith("error: ") and options.split()[1] in told
 
 
 def is_interrupted(process: "subprocess.Popen[str]") -> None:

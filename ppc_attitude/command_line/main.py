@@ -23,6 +23,7 @@ import signal
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from errno import EDQUOT, EFBIG, ENOSPC
 from importlib import import_module
 from typing import Any, NoReturn
 
@@ -139,7 +140,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ValueError as error:
         # Configuration, bag and analysis errors are ValueErrors that name what is wrong.
         print(f"error: {printable(str(error))}", file=sys.stderr)
-        return BAD_INPUT
+        return BROKEN if _is_full(error.__cause__) else BAD_INPUT
     except ModuleNotFoundError as error:
         if (error.name or "").startswith("ppc_attitude"):
             raise
@@ -153,13 +154,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         print(f"error: {where}{error.strerror or error}", file=sys.stderr)
-        return BAD_INPUT if error.filename else BROKEN
+        return BAD_INPUT if error.filename and not _is_full(error) else BROKEN
     except (KeyboardInterrupt, Exception) as error:
         # A compiler that is interrupted fails with an error of its own.
         if not isinstance(error, KeyboardInterrupt) and not asked:
             raise
         print("interrupted", file=sys.stderr)
         return BROKEN
+
+
+def _is_full(error: BaseException | None) -> bool:
+    """Whether there was no room for a file, which is no mistake of the input."""
+    return isinstance(error, OSError) and error.errno in (ENOSPC, EFBIG, EDQUOT)
 
 
 def run() -> None:

@@ -20,6 +20,7 @@ import sys
 from dataclasses import replace
 
 from ppc_attitude.analysis.metrics import Verdict
+from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.export import export
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.command_line.concerns import see_that_it_is_bounded, tell_concerns
@@ -38,6 +39,7 @@ from ppc_attitude.command_line.paths import new_bag, new_file
 from ppc_attitude.command_line.stopping import stoppable
 from ppc_attitude.contract.topics import PLANT, RECORDER
 from ppc_attitude.contract.versions import versions
+from ppc_attitude.processes.exits import RunError
 from ppc_attitude.simulation.closed_loop import simulate
 
 HELP = "run the closed loop in process, without ROS"
@@ -81,7 +83,10 @@ def execute(arguments: argparse.Namespace) -> int:
     print_verdict(verdict, as_json=arguments.json)
     output = sys.stderr if arguments.json else sys.stdout
     if arguments.bag:
-        write_run(record, arguments.bag, storage=scenario.parameters[RECORDER]["storage"])
+        try:
+            write_run(record, arguments.bag, storage=scenario.parameters[RECORDER]["storage"])
+        except BagError as error:  # its place was free: this is no mistake of the input
+            raise RunError(str(error)) from None
         print(f"bag: {arguments.bag}", file=output)
     if arguments.export:
         if lacking := export(record, arguments.export):
