@@ -357,8 +357,10 @@ def test_the_commands_take_bags_of_hardware(tmp_path: Path, ask: Ask) -> None:
     ours = tmp_path / "ours"
     write_run(run, ours)
     compared = tmp_path / "compared.html"
-    said = ask("compare", hardware, ours, *topics, "--report", compared).err
+    outputs = ["--report", compared, "--figures", tmp_path]
+    said = ask("compare", hardware, ours, *topics, *outputs).err
     assert f"warning: {ours}: there is no topic /imu/data: /attitude is read for attitude" in said
+    assert f"warning: comparison_rate_error is not drawn: {hardware}: the record has no" in said
     assert "Pointing errors" in compared.read_text()
     refused = ask("analyse", hardware, *topics, "--topic=attitude=/goal", code=BAD_INPUT).err
     assert refused == "error: --topic attitude is given as /imu/data and as /goal\n"

@@ -89,9 +89,13 @@ def test_a_late_hit_of_any_run_is_shown_closely():
 
 def test_rate_errors_are_compared_where_both_have_envelopes(runs):
     names = [f"comparison_{of}" for of in ("attitude_error", "angular_velocity", "rate_error")]
-    assert list(comparisons_of(measured(runs))) == names
+    drawn, lacking = comparisons_of(measured(runs))
+    assert (list(drawn), lacking) == (names, [])
     plain = [runs[0], without_columns(runs[1], "rate_envelope")]
-    assert list(comparisons_of(measured(plain))) == names[:2]
+    drawn, lacking = comparisons_of(measured(plain))
+    assert list(drawn) == names[:2]
+    why = "the record has no sample of 'control/rate_envelope'"
+    assert lacking == [f"comparison_rate_error is not drawn: {plain[1].source}: {why}"]
     panel = error_comparison(measured(runs), LABELS, ENVELOPES[1]).axes[0]
     assert panel.get_yscale() == "log"
     z2 = np.rad2deg(np.abs(runs[0]["rate_error"][:, 0]))

@@ -147,7 +147,7 @@ def test_a_report_lists_faults_and_figures_show_them(tmp_path: Path) -> None:
 
 def test_a_comparison_shows_the_faults_of_every_run_each_once() -> None:
     runs = [failed([f"{STUCK} from 2 for 3"]), failed([f"{STUCK} from 2 for 3", f"{WEAK} from 7"])]
-    for _, figure in comparisons_of(list(map(Measured, runs))).values():
+    for _, figure in comparisons_of(list(map(Measured, runs)))[0].values():
         assert ends_of(figure.axes[0]) == pytest.approx([2.0, 5.0, 7.0, 10.0])
         assert "fault" in figure.axes[0].get_legend_handles_labels()[1]
 

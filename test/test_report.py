@@ -291,6 +291,7 @@ def test_several_runs_are_compared(page_of_two):
     judged = "2.397 from 0 to 120 s ✓ met 4.962 from 0 to 120 s ✗ NOT MET"
     assert f"angular rate (norm) {judged} ≤ 3 deg/s" in text
     assert re.search(r"rate error outside its envelope 0 from 0 to 120 s ✓ met – ≤ 0 s", text)
+    assert "comparison_rate_error is not drawn: simulate: the record has no sample of" in text
     captions = page.all("alt")
     assert captions[:2] == ["Pointing errors in the envelopes", "Angular velocities"]
     assert len(captions) == 2 + 8 + 6

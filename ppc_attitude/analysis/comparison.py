@@ -42,7 +42,7 @@ from ppc_attitude.analysis.drawing import (
     panels,
     time_axis,
 )
-from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope, bound_of
+from ppc_attitude.analysis.envelopes import ATTITUDE, ENVELOPES, Envelope, bound_of, envelopes_of
 from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.hits import SweptHit
 from ppc_attitude.analysis.measure import Measured
@@ -127,10 +127,11 @@ def run_labels(records: Sequence[RunRecord]) -> list[str]:
     return [f"{name} ({k})" for k, name in enumerate(bags, start=1)]
 
 
-def comparisons_of(runs: Sequence[Measured]) -> Drawn:
+def comparisons_of(runs: Sequence[Measured]) -> tuple[Drawn, list[str]]:
     """Draw every comparison for which all of two to six runs have the data.
 
-    The first is red and the second blue, as in the paper.
+    The first is red and the second blue, as in the paper. Said is which one is not drawn although
+    some run has the data, and which run lacks what.
 
     Raises
     ------
@@ -139,26 +140,27 @@ def comparisons_of(runs: Sequence[Measured]) -> Drawn:
     """
     labels = run_labels([run.record for run in runs])
     drawn: Drawn = {}
-    lacking = ""
-    for name, caption, draw_figure in _comparisons():
+    lacking = []
+    for name, caption, draw_figure in _comparisons(runs):
         try:
             drawn[name] = caption, draw_figure(runs, labels)
         except AnalysisError as error:
-            lacking = lacking or str(error)
+            lacking.append(f"{name} is not drawn: {error}")
     if not drawn:
-        raise AnalysisError(f"the runs have nothing in common to compare: {lacking}")
-    return drawn
+        raise AnalysisError(f"the runs have nothing in common to compare: {lacking[0]}")
+    return drawn, lacking
 
 
 _Comparison = Callable[[Sequence[Measured], Sequence[str]], Figure]
 
 
-def _comparisons() -> Iterator[tuple[str, str, _Comparison]]:
+def _comparisons(runs: Sequence[Measured]) -> Iterator[tuple[str, str, _Comparison]]:
     """Name of a figure's file, caption, and who draws it."""
+    bounded = {each.error for run in runs for each in envelopes_of(run.record)}
     yield "comparison_attitude_error", "Pointing errors in the envelopes", attitude_comparison
     yield "comparison_angular_velocity", "Angular velocities", angular_velocity_comparison
     for each in {each.error: each for each in reversed(ENVELOPES)}.values():
-        if each.jumps:
+        if each.jumps and each.error in bounded:
             caption = f"{each.name.capitalize()}s in their envelopes, as reported"
             yield f"comparison_{each.error}", caption, partial(error_comparison, envelope=each)
 

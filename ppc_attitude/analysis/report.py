@@ -108,10 +108,12 @@ def _comparison(runs: Sequence[Verdict], labels: Sequence[str]) -> str:
     numbers = [(label, "number") for label in labels]
     compared = table([("requirement", "name"), *numbers, ("limit", "")], rows)
     try:
-        drawn = figures(comparisons_of(runs).values(), "page")
+        common, lacking = comparisons_of(runs)
+        drawn = figures(common.values(), "page")
     except AnalysisError as error:  # runs of which each lacks what the other has
-        drawn = f"<p>{escape(str(error))}</p>"
-    return f"<h2>Comparison</h2>\n{compared}{drawn}"
+        drawn, lacking = "", [str(error)]
+    not_drawn = "".join(f"<p>{escape(each)}</p>\n" for each in lacking)
+    return f"<h2>Comparison</h2>\n{compared}{drawn}{not_drawn}"
 
 
 def _run_section(verdict: Verdict, title: str) -> str:

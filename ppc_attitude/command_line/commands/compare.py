@@ -76,8 +76,10 @@ def execute(arguments: argparse.Namespace) -> int:
         from ppc_attitude.analysis.comparison import comparisons_of
         from ppc_attitude.analysis.drawing import save_all
 
-        drawn = comparisons_of(judged)
+        drawn, lacking = comparisons_of(judged)
         for path in save_all(drawn, arguments.figures, arguments.figure_format):
             print(f"figure: {path}")
+        for warning in lacking:
+            print(f"warning: {warning}", file=sys.stderr)
     write_report_of(arguments, judged, sys.stdout)
     return DONE
