@@ -151,9 +151,16 @@ def test_of_runs_with_limits_of_their_own_those_that_miss_are_the_worst() -> Non
 
 
 def test_a_broken_run_meets_nothing() -> None:
+    """And whoever reads the share is told."""
     summary = Summary(PAPER, {})
-    summary.add(rows.broken(small(), 4, "lost").row)
-    assert summary.fraction == Fraction(0, 1)
+    summary.add(rows.broken(small(), 4, "lost").row | {"fault": "dead"})
+    summary.add(dict.fromkeys(rows.row_types(small())) | {"all_met": True, "fault": "dead"})
+    assert [str(share) for _, share in summary.shares()] == [
+        "50.00 % (9.45 … 90.55); broken and counted as missed: 1"
+    ] * 2
+    told = summary.to_json()
+    for share in (told["all_requirements"], told["faults"]["dead"]):
+        assert (share["met"], share["judged"], share["broken"]) == (1, 2, 1)
     assert summary.first_broken == (4, "lost")
     assert summary.requirements() == []
 

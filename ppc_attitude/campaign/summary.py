@@ -38,10 +38,13 @@ class Fraction:
     ----------
     met, judged : int
         How many met it, of how many.
+    broken : int
+        How many of these broke, which counts as missed.
     """
 
     met: int
     judged: int
+    broken: int = 0
 
     @property
     def value(self) -> float:
@@ -63,7 +66,8 @@ class Fraction:
         if not self.judged:
             return "–"
         low, high = self.interval
-        return f"{100 * self.value:.2f} % ({100 * low:.2f} … {100 * high:.2f})"
+        broken = f"; broken and counted as missed: {self.broken}" if self.broken else ""
+        return f"{100 * self.value:.2f} % ({100 * low:.2f} … {100 * high:.2f}){broken}"
 
     def to_json(self) -> dict[str, Any]:
         """Counts, share and interval."""
@@ -133,7 +137,8 @@ class Summary:
         if fault := row.get("fault"):
             before = self.faults.get(fault, Fraction(0, 0))
             met = before.met + bool(row["all_met"])  # None if the run broke
-            self.faults[fault] = Fraction(met, before.judged + 1)
+            broken = before.broken + (row["error"] is not None)
+            self.faults[fault] = Fraction(met, before.judged + 1, broken)
         if row["error"] is not None:
             self.broken += 1
             self.first_broken = self.first_broken or (row["index"], row["error"])
@@ -150,7 +155,7 @@ class Summary:
     @property
     def fraction(self) -> Fraction:
         """How many runs miss no requirement that they are judged by; one that broke misses all."""
-        return Fraction(self.all_met, self.runs)
+        return Fraction(self.all_met, self.runs, self.broken)
 
     def shares(self) -> list[tuple[str, Fraction]]:
         """Runs that miss nothing they are judged by: of all, and of those with each drawn fault."""
@@ -166,9 +171,12 @@ class Summary:
     def to_json(self) -> dict[str, Any]:
         """All numbers of it."""
         return {
-            "all_requirements": self.fraction.to_json(),
+            "all_requirements": {**self.fraction.to_json(), "broken": self.broken},
             "broken": self.broken,
-            "faults": {fault: each.to_json() for fault, each in sorted(self.faults.items())},
+            "faults": {
+                fault: {**each.to_json(), "broken": each.broken}
+                for fault, each in sorted(self.faults.items())
+            },
             "requirements": [
                 {
                     "name": name,
