@@ -67,6 +67,11 @@ def table(page: Path, head: str) -> list[list[str]]:
     return rows
 
 
+def described(command: str) -> list[str]:
+    """Keys of what a command prints with --json, as the reference describes them."""
+    return [row[0] for row in table(ROOT / "docs/reference.md", f"| key of `{command}` |")]
+
+
 def saved_files(page: Path) -> dict[str, str]:
     """Files that a page tells to save, by name."""
     text = page.read_text(encoding="utf-8")

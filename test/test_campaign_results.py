@@ -24,11 +24,13 @@ from html import unescape
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 import yaml
 from campaign_helpers import RUNS, VARIES, compute_here, finish, rows_of, small
 from conftest import Ask, StartProcess
 from craft_helpers import ROOT, overlay
+from docs_helpers import described, table
 from process_helpers import COMMAND, Process, alive, until, workers_of
 from scipy import stats
 from synthetic import normal_run
@@ -47,6 +49,7 @@ from ppc_attitude.campaign.quantile_bands import (
     time_bins,
 )
 from ppc_attitude.campaign.report import write_campaign_report
+from ppc_attitude.campaign.results import FAN_FILE
 from ppc_attitude.campaign.summary import WORST, Fraction, Summary, Tally
 from ppc_attitude.campaign.variables import DRAWN
 from ppc_attitude.contract.topics import PLANT
@@ -139,6 +142,17 @@ def test_summary_counts_what_the_rows_say(finished: Finished) -> None:
         assert tally.worst_runs() == [(-index, value) for value, index in worst]
         (told,) = [each for each in summary.to_json()["requirements"] if each["name"] == name]
         assert [each["value"] for each in told["worst"]] == [value for value, _ in worst]
+
+
+def test_every_column_of_the_files_is_described(finished: Finished) -> None:
+    page = ROOT / "docs/reference.md"
+    told = {row[0].partition("`")[0] for row in table(page, "| column of `runs.parquet` |")}
+    columns = rows_of(finished.folder)[0].keys() - {*DRAWN, *rows.METRICS}
+    parts = "|".join(rows.PARTS)
+    named = {re.sub(f"^({parts})_.*", r"\1_KEY", name) for name in columns}
+    assert told == named | {"initial_attitude_x", "settling_time_s"}
+    bands = pq.read_schema(finished.folder / FAN_FILE).names
+    assert [row[0] for row in table(page, "| column of `error_over_time.parquet` |")] == bands
 
 
 def test_of_runs_with_limits_of_their_own_those_that_miss_are_the_worst() -> None:
@@ -240,6 +254,7 @@ def test_command_gives_the_campaign(finished: Finished, tmp_path: Path, ask: Ask
     out, report = tmp_path / "out", tmp_path / "report.html"
     options = ["--runs", RUNS, "--workers", 1, "--out", out, "--report", report, "--json"]
     told = ask(*written(tmp_path), *options).json  # runs this short show little
+    assert list(told) == described("campaign")
     assert told["done"] == told["runs"] == RUNS
     assert told["requirements"] == finished.summary.to_json()["requirements"]
     assert rows_of(out) == rows_of(finished.folder)

@@ -22,7 +22,7 @@ from pathlib import Path
 import pytest
 from conftest import Ask
 from craft_helpers import CONFIG, ROOT, overlay
-from docs_helpers import EXAMPLES, blocks, table
+from docs_helpers import EXAMPLES, blocks, described, table
 from process_helpers import PAPER
 
 from ppc_attitude.contract.topics import CONTROLLER
@@ -69,7 +69,9 @@ def test_numbers_of_the_theory_are_measured(
 def test_sweep_of_the_theory_is_measured(column: int, tmp_path: Path, ask: Ask) -> None:
     auto = overlay(tmp_path / "auto.yaml", {CONTROLLER: {"envelope": "auto"}})
     file = {1: PAPER, 2: CONFIG / "no_widening.yaml", 3: auto}[column]
-    hits = ask("sweep", "--config", PAPER, "--config", file, "--json").json["hits"]
+    told = ask("sweep", "--config", PAPER, "--config", file, "--json").json
+    assert list(told) == described("sweep")
+    hits = told["hits"]
     rows = table(ROOT / "docs" / "theory.md", "| hit [s] |")
     assert [float(row[0]) for row in rows] == [hit["duration_s"] for hit in hits]
     for row, hit in zip(rows, hits, strict=True):

@@ -27,6 +27,7 @@ import numpy as np
 import pytest
 from conftest import Ask
 from craft_helpers import configs
+from docs_helpers import described
 from process_helpers import PAPER
 from scipy.spatial.transform import Rotation
 
@@ -154,6 +155,7 @@ def test_the_worst_case_is_a_configuration_that_gives_the_value(tmp_path: Path, 
     overlays = [f"--config={path}" for path in configs("paper", "guaranteed")]
     bounds = ["--runs=40", "--pieces=3", f"--out={tmp_path}", "--duration=30", "--goal=terminal"]
     told = ask("falsify", *overlays, *bounds, "--json", code=1).json
+    assert list(told) == described("falsify")
     assert told["passes_limit"]  # within 30 s the law does not settle
     assert told["told"] == f"{told['largest']:.6g}"
     metrics = ask("simulate", *overlays, f"--config={told['worst']}", "--json").json["metrics"]

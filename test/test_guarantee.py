@@ -29,6 +29,7 @@ import numpy as np
 import pytest
 from conftest import Ask
 from craft_helpers import case, configs, guaranteed, overlay
+from docs_helpers import described
 from mpmath import iv
 
 from ppc_attitude.analysis.guarantee import nodes_around
@@ -273,6 +274,7 @@ def test_of_numbers_out_of_proportion_nothing_is_guaranteed_and_the_rest_is_chec
         page = json.loads(ask(*words, "--json", code=REQUIREMENT_FAILED).out)
     assert "initial attitude error" in out
     assert "nothing is guaranteed:\n  the certificate does not apply: " in out
+    assert list(page) == described("check")
     assert not page["guaranteed"]
     why = "h and z_bar are out of proportion|allowed: above W .* with W = 1000 rad/s"
     assert re.search(why, page["doubts"][0])

@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 from conftest import Ask
 from craft_helpers import configs
+from docs_helpers import described
 from synthetic import part_of, with_columns, without_columns
 
 from ppc_attitude.bags.run_writer import write_run
@@ -314,6 +315,7 @@ def test_the_command_names_a_law_that_is_not_installed_and_replays_the_rest(
     assert "warning: not installed: controller = theirs; columns that nothing else gives" in said
     assert "not known here, so left out: theirs.gain" in told
     page = ask("replay", tmp_path / "bag", "--json").json
+    assert list(page) == described("replay")
     assert page["largest_difference"] is page["steps"] is None
     assert len(page["components"]) == 4
 
