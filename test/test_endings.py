@@ -98,6 +98,8 @@ def test_a_file_that_has_no_room_is_no_mistake_of_the_input(
         resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
 
     monkeypatch.setattr(simulate, "print_verdict", fill)
+    # Else the compiled code of what is imported meanwhile would be cut short, too, and stay so.
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
     monkeypatch.chdir(tmp_path)
     overlay(tmp_path / "stored.yaml", {RECORDER: {"storage": "sqlite3"}})
     try:
