@@ -16,6 +16,7 @@
 
 import itertools
 import json
+import math
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -179,17 +180,21 @@ def test_goals_and_hold_act_from_the_next_state_as_in_process(pilot: Pilot) -> N
     assert {entry.key: entry.value for entry in status.values}["frame"] == "nadir"
 
 
-def test_timed_profile_by_topic(pilot: Pilot) -> None:
-    pilot.state(0.0)
+def trajectory(*timed: tuple[int, tuple[float, ...]]) -> MultiDOFJointTrajectory:
+    """A timed profile: time [s] after its begin and attitude of each point, at rest in all."""
     message = MultiDOFJointTrajectory(joint_names=["body"])
-    for seconds, q in ((60, START), (110, NEAR)):
-        x, y, z, w = q
+    for seconds, (x, y, z, w) in timed:
         point = MultiDOFJointTrajectoryPoint(
             transforms=[Transform(rotation=Quaternion(x=x, y=y, z=z, w=w))], velocities=[Twist()]
         )
         point.time_from_start.sec = seconds
         message.points.append(point)
-    pilot.give(GOAL_TRAJECTORY, message)
+    return message
+
+
+def test_timed_profile_by_topic(pilot: Pilot) -> None:
+    pilot.state(0.0)
+    pilot.give(GOAL_TRAJECTORY, trajectory((60, START), (110, NEAR)))
     times = [1.0 + 4.5 * k for k in range(26)]
     given = [pilot.state(t) for t in times]
     profile = points([61.0, 111.0], [START, NEAR], [[0.0] * 3] * 2, [None] * 2)
@@ -199,6 +204,39 @@ def test_timed_profile_by_topic(pilot: Pilot) -> None:
     # What was flown is told as the schedule that flies it again.
     schedule = schedule_of(Orders(np.concatenate(orders), np.array([profile])))
     assert pilot.changes(1) == [schedule]
+
+
+def test_of_a_stream_of_timed_profiles_only_those_of_orders_that_are_kept_are(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The reference became slower with each, for as long as the run went on."""
+    monkeypatch.setattr("ppc_attitude.science.guidance.orders._MOST", 2)
+    ends = [(0.0, 0.02 * k, 0.0, math.sqrt(1.0 - (0.02 * k) ** 2)) for k in range(1, 6)]
+    times = [10.0 * k for k in range(len(ends))]
+    orders = [profile_order(nanoseconds(t), k) for k, t in enumerate(times)]
+    profiles = [
+        points([t + 60.0, t + 110.0], [end, START], [[0.0] * 3] * 2, [None] * 2)
+        for t, end in zip(times, ends, strict=True)
+    ]
+    schedule = schedule_of(Orders(orders[0], np.array(profiles[:1])))
+    scheduled = [f"{name}:={value}" for name, value in schedule.items()]
+    with living(ReferenceGenerator, "mode:=goal", *scheduled) as node:
+
+        def motion(t: float) -> list[float]:
+            told = node.compute(nanoseconds(t), {ATTITUDE.column: START})
+            return [x for topic in REFERENCE for x in told[topic.column]]
+
+        given = [motion(0.0)]
+        for t, end in zip(times[1:], ends[1:], strict=True):
+            node._desk._on_trajectory(trajectory((60, end), (110, START)))
+            given.append(motion(t))
+        kept = node.chain.parts[0].configuration[0]["profiles"]
+        node.forget_orders()
+        node.arm()
+        again = [motion(t) for t in (0.0, 50.0)]
+    assert kept == 2
+    assert given == flown(orders, times, profiles)
+    assert again == flown(orders[:1], [0.0, 50.0], profiles), "that of the schedule"
 
 
 def test_bad_goals_are_refused_and_the_present_one_goes_on(pilot: Pilot) -> None:

@@ -32,6 +32,7 @@ from ppc_attitude.science.component import INERTIAL
 from ppc_attitude.science.guidance.orders import (
     GOAL_ATTITUDES,
     GOAL_FRAMES,
+    PROFILE,
     PROFILING,
     Make,
     OrderBook,
@@ -42,7 +43,7 @@ from ppc_attitude.science.guidance.orders import (
     schedule_of,
     scheduled_orders,
 )
-from ppc_attitude.science.guidance.trajectory import POINTS, points
+from ppc_attitude.science.guidance.trajectory import points
 from ppc_attitude.science.guidance.watch import warnings_of
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references.goal import configuration_of, facts
@@ -64,7 +65,7 @@ class GuidanceDesk:
         self._scheduled = scheduled_orders(node.parameters.values)
         self._orders = self._scheduled
         self._kept: list[Any] = []  # what the reference's configuration refers to by address
-        self._profiles = list(self._scheduled.profiles)
+        self._profiles = self._scheduled.profiles
         self._book = OrderBook(self._scheduled.listed)
         self._stamp = 0  # the latest instant [ns]
         self._awaited = ""  # how a status names the last of the orders that wait for the next one
@@ -97,7 +98,11 @@ class GuidanceDesk:
         orders = self._book.at(stamp_ns)
         if orders is None:
             return
-        self._orders = Orders(orders, np.array(self._profiles, POINTS))
+        timed = orders["frame"] == PROFILE
+        # The book forgets old orders: a stream of trajectories must not be kept for ever.
+        kept, orders["profile"][timed] = np.unique(orders["profile"][timed], return_inverse=True)
+        self._profiles = self._profiles[kept]
+        self._orders = Orders(orders, self._profiles)
         self.configure()
         if self._book.in_flight:
             waiting = orders[orders["stamp_ns"] >= self._part.state[0]["open_ns"]]
@@ -144,7 +149,7 @@ class GuidanceDesk:
         if self._book.in_flight:
             self._node.told |= schedule_of(self._scheduled)
         self._book.begin_again()
-        self._profiles = list(self._scheduled.profiles)
+        self._profiles = self._scheduled.profiles
 
     def tell_again(self) -> None:
         """Tell anew what becomes of the orders: the reference begins anew."""
@@ -193,8 +198,9 @@ class GuidanceDesk:
             return points(times, attitudes, rates, accelerations)
 
         def make(stamp_ns: int) -> NDArray[Any]:
-            self._profiles.append(profile_from(seconds(stamp or stamp_ns)))
-            return profile_order(stamp_ns, len(self._profiles) - 1)
+            profile = profile_from(seconds(stamp or stamp_ns))
+            self._profiles = np.append(self._profiles, profile)
+            return profile_order(stamp_ns, self._profiles.size - 1)
 
         for begin in (0.0, LATEST):  # what is wrong with it is told at once
             profile_from(begin)  # late, points that are nanoseconds apart coincide
