@@ -24,6 +24,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter as RosParameter
 
+from ppc_attitude.contract.topics import DISTURBANCE
 from ppc_attitude.nodes.disturbance_injector import DisturbanceInjector
 from ppc_attitude.runtime.injection import Injections
 from ppc_attitude.runtime.stamps import RefusedError
@@ -139,8 +140,9 @@ def test_too_much_is_refused_with_what_is_allowed_and_changes_nothing() -> None:
     with pytest.raises(RefusedError, match=r"allowed: up to 0\.3 N·m per axis"):
         injector.injections.accept((0.0, 0.0, -1.5), 0, 1.0, LIMIT, None, 0)
     assert (injector.injections.accepted, injector.injections.pending) == (0, 0)
-    for _ in range(1000):
-        injector.accept(1.0, 0.05)
+    for begin in (0.0, 1.0):  # one waits for the next instant, the other for its own
+        for _ in range(500):
+            injector.accept(begin, 0.05)
     with pytest.raises(RefusedError, match="1000 pulses are pending"):
         injector.accept(1.0, 0.05)
     injector.runs(200)
@@ -202,8 +204,25 @@ def test_a_request_that_comes_again_by_its_name_acts_once_and_gets_the_same_answ
     assert "from t = 0.030000 s" in ask("mine")
     injector.runs(9)
     assert injector.steps() == [3, 4]
-    answers = [ask(name) for name in ("mine", *map(str, range(100)), "mine")]
-    assert answers[0] != answers[-1]  # the last hundred are remembered
+    for number in range(100):
+        ask(str(number))
+    accepted = injector.injections.accepted
+    ask("0")
+    assert injector.injections.accepted == accepted, "the last hundred are remembered"
+    ask("mine")
+    assert injector.injections.accepted == accepted + 1, "and none before them"
+
+
+@pytest.mark.ros
+def test_what_is_injected_acts_on_when_a_parameter_is_set() -> None:
+    with living(DisturbanceInjector, "environment:=false") as node:
+        node._inject(TORQUE, 0, 10.0)
+        for t in (0.0, 0.01):
+            node.on_instant(nanoseconds(t), {})
+        node.set_parameters([RosParameter("injection_duration", value=2.0)])
+        node.on_instant(nanoseconds(0.02), {})
+        acting = node.chain.step(nanoseconds(0.02), {})[DISTURBANCE.column]
+    assert acting == TORQUE
 
 
 @pytest.mark.ros
