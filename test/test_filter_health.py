@@ -64,9 +64,15 @@ def test_one_run_does_not_condemn_the_knowledge_that_is_a_little_wrong() -> None
 
 def test_a_filter_that_is_far_beyond_its_own_numbers_for_most_of_a_run_is_wrong() -> None:
     turned = {"star_tracker.mounting": [5e-4, 0.0, 0.0, 1.0]}  # by 1e-3 rad
-    row = rows(run(attitude_estimator=turned))["knowledge_outside"]
+    record = run(attitude_estimator=turned)
+    row = rows(record)["knowledge_outside"]
     assert row.met is False
     assert row.value > 0.9
+    # An error that is not known is in no share: of nine in ten, and of all.
+    some = np.arange(record.t.size) % 10 > 0
+    few, none = (with_rows(record, "truth_attitude", lost, np.nan) for lost in (some, slice(None)))
+    assert rows(few)["knowledge_outside"].value > 0.9
+    assert rows(none)["knowledge_outside"].value is None
 
 
 def test_wrong_noise_numbers_show_in_the_innovations() -> None:

@@ -215,6 +215,12 @@ def test_analysis_tells_how_near_the_craft_itself_came() -> None:
     inside = max(each.half_angle - each.angle for each in (fixed, nadir))
     assert row.value == pytest.approx(math.degrees(inside))
     assert row.met is (inside <= 0.0)
+    # It was nearer to nadir, but only in the other cone if that is wide.
+    wide = {**record.parameters[REFERENCE], "keep_out.half_angles": [2.2, 0.1]}
+    parameters = {**record.parameters, REFERENCE: wide}
+    row = verdict_on(replace(record, parameters=parameters), "keep_out")
+    assert row.met is False
+    assert "from 0 0 -2, allowed 126.1°" in row.note
     assert not [row for row in Verdict(simulate(tour(), 2.0)).requirements if row.key == "keep_out"]
 
 

@@ -46,7 +46,8 @@ from ppc_attitude.simulation.replay import replay
 from ppc_attitude.simulation.scenario import load, scenario
 
 OWN = {"slews", "sky_map", "cone_angles"}
-SLEW, STANDS = (5.0, "inertial", DESIRED), ([0.0, 0.0, 1.0], "0 0 1", 0.9)
+SLEW, INSIDE = (5.0, "inertial", DESIRED), (60.0, "inertial", STRAIGHT)
+STANDS = ([0.0, 0.0, 1.0], "0 0 1", 0.9)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +55,7 @@ def record() -> RunRecord:
     """A slew, a brake into nadir in mid-slew, and a goal inside a cone, which is refused."""
     return simulate(
         flight(
-            **goals(SLEW, (20.0, "nadir", STRAIGHT), (60.0, "inertial", STRAIGHT)),
+            **goals(SLEW, (20.0, "nadir", STRAIGHT), INSIDE),
             **cones(STANDS, ([0.0, 1.0, 0.0], "nadir", 0.1)),
         ),
         240.0,
@@ -98,6 +99,20 @@ def test_goals_given_in_flight_are_found_too(record: RunRecord) -> None:
     assert there is not None
     assert there.words == here.words
     assert np.array_equal(there.goals, here.goals)
+
+
+def test_goals_that_were_told_at_an_instant_that_is_not_on_record_are_found(
+    record: RunRecord,
+) -> None:
+    """The next change tells only what is yet to come."""
+    told = given_in_flight(record, 20.0)
+    next_told = (Change(20_020_000_000, REFERENCE, *each) for each in goals(INSIDE).items())
+    told = replace(told, changes=(*told.changes, *next_told))
+    left = np.flatnonzero((record.t != 20.0) & (record.t < 61.0))
+    here, there = (flight_of(part_of(run, left)) for run in (record, told))
+    assert here is not None
+    assert there is not None
+    assert there.words == here.words
 
 
 def test_a_reference_that_is_started_again_is_flown_and_replayed_anew(record: RunRecord) -> None:

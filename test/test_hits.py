@@ -53,6 +53,15 @@ def test_a_scheduled_hit_counts_however_weak_it_is():
     assert strong.torque == pytest.approx((0.8, 0.8, 0.8), abs=1e-6)
 
 
+def test_beside_an_environment_on_record_a_weak_hit_may_begin_with_the_record():
+    """Without that record it could be the environment."""
+    _, t = times(30.0)
+    total = environment(t) + pulse_torque(t, [(0.0, 0.1, (0.1 * ACTUATOR, 0.0, 0.0))])
+    torques = {"disturbance_torque": total, "environment_torque": environment(t)}
+    (hit,) = pulses_of(with_columns(normal_run(30.0), **torques), ACTUATOR)
+    assert (hit.start_s, hit.duration_s) == (0.0, 0.1)
+
+
 @pytest.mark.parametrize("start", [20.0, 20.1])  # on a step of the strong one
 def test_a_weak_scheduled_hit_is_no_part_of_a_strong_one(start):
     given = (20.0, 0.1, (0.8, 0.8, 0.8)), (start, 2.0, WEAK)

@@ -138,6 +138,13 @@ def test_recovery_within_ten_seconds(run, value, met, reason, told):
     assert [hit.recovery_time_s for hit in verdict.metrics.disturbances] == told
 
 
+@pytest.mark.parametrize(("last_bad", "start"), [(90.0, 80.0), (62.0, 55.0)])
+def test_what_comes_in_the_time_to_recover_is_no_error_after_the_deadline(last_bad, start):
+    """The last instant of that time is in it, and it may begin before the deadline."""
+    row = requirement(Verdict(hit_with_error(last_bad, start)), "error_after_deadline")
+    assert (row.met, row.without) == (True, ((start, start + 10.0),))
+
+
 @pytest.mark.parametrize("start", [30.0, 60.0])  # before the deadline, and at it
 def test_a_run_that_is_not_settled_when_it_is_hit_has_no_settling_time(start):
     run = hit_with_error(84.0, start=start)
