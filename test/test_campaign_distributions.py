@@ -148,6 +148,11 @@ def attitude(of: Campaign, index: int) -> list[float]:
     return [float(drawn[f"initial_attitude_{axis}"]) for axis in "xyzw"]
 
 
+def moments(inertia: Any) -> Any:
+    """Second moments of a body [kg·m²], shape (3, 3)."""
+    return 0.5 * np.trace(inertia) * np.eye(3) - inertia
+
+
 @pytest.mark.parametrize("error", [0.0, 0.1, 0.9])
 def test_inertia_differs_by_no_more_than_said_and_is_that_of_a_body(error: float) -> None:
     body = inertia_matrix("J", [2.8, 0.1, -0.2, 0.1, 2.5, 0.05, -0.2, 0.05, 1.9])
@@ -160,6 +165,9 @@ def test_inertia_differs_by_no_more_than_said_and_is_that_of_a_body(error: float
         largest.append(np.abs(shares).max())
     assert max(largest) <= error + 1e-12
     assert max(largest) >= 0.9 * error  # and it is reached
+    # The second moments differ by as much in every draw.
+    changes = linalg.eigvalsh(moments(drawn) - moments(body), moments(body))
+    assert np.abs(changes).max() == pytest.approx(error, abs=1e-12)
 
 
 def test_a_plate_stays_a_body() -> None:

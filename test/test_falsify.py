@@ -151,6 +151,19 @@ def test_an_interrupted_search_says_so_and_what_has_not_settled(
     assert "settling: not settled at 5 s" in (tmp_path / "worst.yaml").read_text()
 
 
+def test_a_search_that_is_asked_to_end_in_its_last_generation_has_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Ask
+) -> None:
+    def simulated(*_: Any) -> float:
+        signal.raise_signal(signal.SIGINT)
+        return 0.0
+
+    monkeypatch.setattr("ppc_attitude.falsify.search.evaluated", simulated)
+    monkeypatch.setattr("ppc_attitude.falsify.search._GLANCE", 60.0)  # the generation is quicker
+    said = ask("falsify", "--duration=5", "--pieces=3", "--runs=1", f"--out={tmp_path}")
+    assert "of 13 runs" in said.out
+
+
 def test_the_worst_case_is_a_configuration_that_gives_the_value(tmp_path: Path, ask: Ask) -> None:
     overlays = [f"--config={path}" for path in configs("paper", "guaranteed")]
     bounds = ["--runs=40", "--pieces=3", f"--out={tmp_path}", "--duration=30", "--goal=terminal"]

@@ -42,7 +42,7 @@ def test_hits_scale_with_the_actuator_and_with_the_required_settling_time(
 
 
 def test_a_hit_is_told_with_the_duration_that_is_flown(ask: Ask) -> None:
-    flown = ["--at", 1, "--duration", 12, "--pulse-durations", 0.003, 0.012]
+    flown = ["--at", 1, "--duration", 12, "--pulse-durations", 0.012, 0.003]
     assert [hit["duration_s"] for hit in ask(*SWEEP, *flown, "--json").json["hits"]] == [0.01, 0.02]
 
 
@@ -68,6 +68,9 @@ def test_the_table_says_what_hits_and_gives_the_verdict_of_the_requirements(
     lines = ask(*early).out.splitlines()
     assert "The craft has not settled when it is hit, so that its times include settling." in lines
     assert lines[-1].endswith("NOT MET")
+    asked.write_text("settled: 40 deg\nrecovery: 0.5\n")
+    late = ask(*early, "--requirements", asked).out.splitlines()[-1]
+    assert (late.split()[1], late[-7:]) == ("0.88", "NOT MET")
     assert max(map(len, lines)) <= 80
 
 
