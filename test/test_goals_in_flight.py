@@ -350,6 +350,14 @@ def test_a_gap_of_the_states_forgets_no_goal(pilot: Pilot) -> None:
     assert any(pilot.state(64.0)[4:])
 
 
+def test_what_waits_for_a_state_is_forgotten_when_time_begins_again() -> None:
+    book = OrderBook(np.zeros(0, ORDER))
+    book.at(0)
+    book.accept(hold_order, 0)
+    book.begin_again()
+    assert np.size(book.at(0)) == 0
+
+
 def test_only_orders_that_wait_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     """A stream of goals goes on for ever, and a reference that begins anew finds the latest."""
     monkeypatch.setattr("ppc_attitude.science.guidance.orders._MOST", 100)

@@ -17,6 +17,7 @@
 import re
 import signal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from process_helpers import ENDLESS, LOCKSTEP, Node, Run, end_all, loop_nodes, p
 from rcl_interfaces.msg import ParameterEvent
 from rosbags.highlevel import AnyReader
 from std_srvs.srv import SetBool, Trigger
+from test_health import INSTANT
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.main import main
@@ -35,11 +37,13 @@ from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
     ATTITUDE,
     CONTROLLER,
+    ENABLED,
     INJECTOR,
     PLANT,
     REFERENCE,
     TORQUE_COMMAND,
 )
+from ppc_attitude.nodes.ppc_controller import PpcController
 from ppc_attitude.nodes.spacecraft_plant import SpacecraftPlant
 from ppc_attitude.processes.exits import BAD_INPUT
 from ppc_attitude.science.errors import ConfigurationError
@@ -129,6 +133,19 @@ def test_a_plant_that_waits_for_nobody_or_finds_every_command_late_is_refused(
 def test_a_command_may_be_a_step_old_at_every_rate() -> None:
     with living(SpacecraftPlant, "rate:=30.0", f"command_timeout:={1.0 / 30.0}"):
         pass
+
+
+def test_a_controller_that_is_switched_off_twice_within_a_step_tells_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told: list[Any] = []
+    with living(PpcController) as node:
+        monkeypatch.setattr(node, "tell_changes", lambda *given: told.append(given))
+        for _ in range(2):
+            node._on_enable(SetBool.Request(data=False), None)
+        for stamp_ns in (7, 8):
+            node.compute(stamp_ns, {topic.column: values for topic, values in INSTANT.items()})
+    assert told == [(7, {ENABLED: False})]
 
 
 def test_a_plant_finds_who_publishes_under_another_name() -> None:

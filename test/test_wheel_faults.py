@@ -139,11 +139,12 @@ def test_what_seizes_stops_within_tenths_of_a_second_and_stays_so() -> None:
 
 
 def test_the_drive_drops_a_lost_wheel_after_the_delay_and_takes_it_back() -> None:
-    part = drive("wheel/2 effectiveness 0 from 0.02 for 0.05", wheels__detection_delay=0.03)
+    losses = [f"wheel/2 effectiveness 0 from {begin} for 0.05" for begin in (0.02, 0.09)]
+    part = drive(*losses, wheels__detection_delay=0.03)
     command, said = [0.005, 0.004, -0.003], []
-    for k in range(10):
+    for k in range(14):
         torque, motors = torques(part, command, k=k)
-        lost, dropped = 2 <= k < 7, 5 <= k < 7
+        lost, dropped = 2 <= k < 7 or k >= 9, 5 <= k < 7 or k >= 12
         assert (np.abs(torque - command).max() < 1e-15) == (not lost or dropped)
         assert (motors[2] == 0.0) == lost
         said.append((part.advices, part.advice.text, part.advice.warning, part.advice.failed))
