@@ -89,6 +89,16 @@ def test_a_late_message_is_put_in_its_place(tmp_path: Path) -> None:
         assert read.missing == {}
 
 
+def test_three_states_that_are_late_are_no_reset(tmp_path: Path) -> None:
+    late = [one for one in messages(RUN) if one[0] is ATTITUDE][20:23]
+    others = [one for one in messages(RUN) if one not in late]
+    place = 25 * len(SAMPLED)
+    delayed = [*others[:place], *late, *others[place:]]
+    read = read_run(write_messages(tmp_path / "bag", delayed, run=RUN))
+    assert_same(read, RUN)
+    assert read.missing == {}
+
+
 @pytest.mark.parametrize("with_rate", [True, False])
 def test_gaps_are_nan_and_counted(tmp_path: Path, with_rate: bool) -> None:
     """Instants 40 to 42 lack everything, 50 lacks the plant, 60 to 64 the command."""
@@ -121,9 +131,13 @@ def test_what_its_recorder_knew_to_be_incomplete_is_told(tmp_path: Path) -> None
     assert read_run(path).warnings == (f"its recorder calls it incomplete: {told[0]}",)
 
 
-def test_gaps_of_a_rate_without_whole_nanoseconds(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("rate", "begin"), [(300.0, 0), (100.0, 3_000_000)])
+def test_gaps_of_a_rate_without_whole_nanoseconds_and_of_a_plant_that_begins_at_any_time(
+    tmp_path: Path, rate: float, begin: int
+) -> None:
     """The stamps filled in are those that the other topics have, also if most are lost."""
-    run = normal_run(duration=1.0, rate=300.0)
+    run = normal_run(300.0 / rate, rate)
+    run = replace(run, stamps_ns=run.stamps_ns + begin)
     lost = set(run.stamps_ns[np.arange(301) % 4 > 0].tolist())
     sequence = [
         one

@@ -41,6 +41,7 @@ from mcap.writer import Writer as PlainMcapWriter
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from synthetic import SAMPLED, normal_run
 
+from ppc_attitude.bags.custom_data import of_namespace
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.folder import Bag
 from ppc_attitude.bags.reader import read_run, read_runs
@@ -202,13 +203,20 @@ def test_messages_that_a_node_refuses_for_their_frame_are_counted(
 
 def test_quaternions_that_a_node_refuses_for_their_norm_are_counted(tmp_path: Path) -> None:
     sequence = list(messages(RUN))
-    for k in [k for k, (topic, *_) in enumerate(sequence) if topic == ATTITUDE][10:13]:
+    states = [k for k, (topic, *_) in enumerate(sequence) if topic == ATTITUDE]
+    sizes = [*[0.0] * 10, *[1.05] * 3]  # zeros are sent as long as no attitude is known
+    for k, size in zip(states, sizes, strict=False):
         topic, stamp, data = sequence[k]
         values = Codec(topic).decode(data).values
-        sequence[k] = topic, stamp, Codec(topic).encode(stamp, [1.05 * each for each in values])
+        sequence[k] = topic, stamp, Codec(topic).encode(stamp, [size * each for each in values])
     (told,) = read_run(write_messages(tmp_path / "bag", sequence)).warnings
     norm = "have another norm than 1, such as 1.05; allowed: 1 within 0.001"
     assert told == f"3 quaternions of /attitude {norm}"
+
+
+def test_a_node_that_is_named_with_its_namespace_goes_before_one_without() -> None:
+    for nodes in ({"n": 1, "/a/n": 2, "/b/n": 3}, {"/b/n": 3, "/a/n": 2, "n": 1}):
+        assert [of_namespace(nodes, home)["n"] for home in ("/a", "/b", "/c")] == [2, 3, 1]
 
 
 def test_messages_in_either_byte_order_with_frame_names_of_all_lengths(tmp_path: Path) -> None:
