@@ -144,7 +144,6 @@ def test_parts_from_outside_go_all_the_way(run_outside: Run, tmp_path: Path) -> 
     assert all(each["largest"] == 0.0 for each in replayed["components"])
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "share" in page
-    assert "<svg" in page or "<img" in page
 
 
 def test_an_advice_that_is_none_is_refused_before_anything_runs(tell: Tell) -> None:
