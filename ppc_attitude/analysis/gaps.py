@@ -36,9 +36,10 @@ def known_span(t: Array, values: Array) -> Span | None:
 
 def absent_spans(t: Array, values: Array) -> tuple[Span, ...]:
     """Between which instants [s] no value is finite for long, each of shape (n,)."""
-    finite = np.flatnonzero(np.isfinite(values))
-    if finite.size == values.size:
+    is_finite = np.isfinite(values)
+    if is_finite.all():
         return ()
+    finite = np.flatnonzero(is_finite)
     lasts = np.round(np.diff(t[finite]), 9)
     long = np.flatnonzero((np.diff(finite) > 1) & (lasts > LONGEST * step(t)))
     return tuple((float(t[finite[k]]), float(t[finite[k + 1]])) for k in long)
