@@ -261,7 +261,7 @@ def test_a_recovery_follows_no_link(tmp_path: Path) -> None:
     mine.mkdir()
     (mine / "thesis.tex").write_text("years of work")
     (bag / ".recovering").symlink_to(mine)
-    with pytest.raises(BagError, match="cannot be recovered: Cannot call rmtree on a symbolic"):
+    with pytest.raises(BagError, match=r"\.recovering exists already"):
         recover(bag)
     assert (mine / "thesis.tex").read_text() == "years of work"
 

@@ -17,6 +17,7 @@
 import contextlib
 import shutil
 import sqlite3
+import struct
 from dataclasses import replace
 from pathlib import Path
 
@@ -86,6 +87,14 @@ def test_the_command_says_what_it_found(tmp_path: Path, ask: Ask) -> None:
     assert last == f"bag: {bag}"
 
 
+def test_the_command_says_that_the_bag_stays(tmp_path: Path, ask: Ask) -> None:
+    write_run(RUN, tmp_path / "bag")
+    (tmp_path / "bag" / METADATA).write_text("")
+    *_, stays, last = ask("recover", tmp_path / "bag").out.splitlines()
+    assert stays == f"{tmp_path / 'bag'} stays as it is: it may hold more than could be read"
+    assert last == f"bag: {tmp_path / 'bag.recovered'}"
+
+
 def test_a_healthy_bag_is_refused_and_untouched(tmp_path: Path, storage: str) -> None:
     bag = tmp_path / "bag"
     write_run(RUN, bag, storage=storage)
@@ -95,13 +104,60 @@ def test_a_healthy_bag_is_refused_and_untouched(tmp_path: Path, storage: str) ->
     assert {file.name: file.read_bytes() for file in bag.iterdir()} == before
 
 
+def contents(folder: Path) -> dict[Path, bytes]:
+    """What each file in a folder and the folders within holds."""
+    return {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+
+
+def chunks_in(content: bytes) -> list[int]:
+    """Places of the chunks of an MCAP file."""
+    found, place = [], 8
+    while place < len(content) - 8:
+        kind, length = struct.unpack_from("<BQ", content, place)
+        found += [place] if kind == 6 else []
+        place += 9 + length
+    return found
+
+
+def recovered_beside(bag: Path) -> Path:
+    """Recover a bag that may hold more, and is therefore not touched."""
+    before, read = contents(bag), read_run(bag)
+    beside = recover(bag).folder
+    assert beside == bag.with_name(f"{bag.name}.recovered")
+    assert contents(bag) == before and not (bag / ".recovering").exists()
+    assert_same(read_run(beside), read)
+    return beside
+
+
+@pytest.mark.parametrize(
+    ("cut", "place", "spoilt"),
+    [
+        (False, 0, bytes(16)),  # the head of the chunk
+        (False, 0, b"\x02"),  # its kind: the end of the file
+        (False, 7, b"\x01"),  # its length: beyond the file
+        (True, 0, b"\x02"),
+        (True, 7, b"\x01"),
+        (True, 56, b"\x01"),  # the length of a message in it
+        (True, 37, b"\x04\0\0\0lz4 "),  # its compression, which nobody unpacks in part
+    ],
+)
+def test_a_file_that_may_hold_more_stays_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cut: bool, place: int, spoilt: bytes
+) -> None:
+    monkeypatch.setattr("ppc_attitude.bags.storage._CHUNK_BYTES", 2**14)
+    monkeypatch.setattr("ppc_attitude.bags.mcap_source._LONGEST_END", 2**12)
+    write_run(RUN, tmp_path / "bag")
+    file = storage_file(tmp_path / "bag")
+    content = bytearray(file.read_bytes())
+    second = chunks_in(content)[1]
+    content[second + place : second + place + len(spoilt)] = spoilt
+    file.write_bytes(content[: second + 5000] if cut else content)
+    recovered_beside(tmp_path / "bag")
+
+
 def test_a_recovery_that_was_killed_can_be_repeated(tmp_path: Path) -> None:
     bag = unfinished(tmp_path / "bag", "mcap", RUN)
-    left = bag / ".recovering" / "bag"
-    left.mkdir(parents=True)
-    (left / "bag.mcap").write_bytes(b"half a copy")
     recover(bag)
-    assert_same(read_run(bag), RUN)
     # Killed between the two replacements: the file is complete, metadata.yaml is not there yet.
     (bag / "metadata.yaml").unlink()
     (bag / UNFINISHED).write_text("{}")
@@ -142,6 +198,49 @@ def test_a_topic_that_nobody_knows_hinders_only_with_messages(tmp_path: Path) ->
         database.execute("INSERT INTO messages SELECT 999999, 99, 7, x'00010000'")
     with pytest.raises(BagError, match=r"own_msgs/msg/Own, the type of /own, is not in Jazzy"):
         recover(also)
+
+
+def test_a_row_that_is_none_leaves_the_database_as_it_is(tmp_path: Path) -> None:
+    write_run(RUN, tmp_path / "bag", storage="sqlite3")
+    with contextlib.closing(sqlite3.connect(storage_file(tmp_path / "bag"))) as database, database:
+        database.execute("UPDATE messages SET timestamp = 'x' WHERE id = 1005")
+    recovered_beside(tmp_path / "bag")
+
+
+def test_a_file_with_less_than_was_promised_stays_as_it_is(tmp_path: Path) -> None:
+    write_run(RUN, tmp_path / "bag")
+    promise = tmp_path / "bag" / METADATA
+    promise.write_text(promise.read_text().replace("message_count: ", "message_count: 9"))
+    recovered_beside(tmp_path / "bag")
+
+
+@pytest.mark.parametrize(
+    ("bag", "way", "message"),
+    [
+        ("bag", "bag.recovered", r"bag\.recovered exists already: .*; move or delete it, and"),
+        ("bag", "bag/.recovering", r"\.recovering exists already: .*; move or delete it, and"),
+        ("none", "none/.recovering", "is no bag"),
+    ],
+)
+def test_what_stands_in_the_way_is_named_and_stays(
+    tmp_path: Path, bag: str, way: str, message: str
+) -> None:
+    write_run(RUN, tmp_path / "bag")
+    (tmp_path / "bag" / METADATA).write_text("")
+    (tmp_path / way).mkdir(parents=True)
+    (tmp_path / way / "mine").touch()
+    with pytest.raises(BagError, match=message):
+        recover(tmp_path / bag)
+    assert [file.name for file in (tmp_path / way).iterdir()] == ["mine"]
+
+
+@pytest.mark.parametrize("path", ["..", "../sub/.."])
+def test_a_path_may_go_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str) -> None:
+    bag = unfinished(tmp_path / "bag", "mcap", RUN)
+    (bag / "sub").mkdir()
+    monkeypatch.chdir(bag / "sub")
+    recover(path)
+    assert {file.name for file in bag.iterdir()} == {METADATA, "bag.mcap", "sub"}
 
 
 def test_profiles_in_a_text_are_not_read_to_any_depth(tmp_path: Path) -> None:

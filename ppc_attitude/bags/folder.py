@@ -39,7 +39,8 @@ _COMPRESSED = ".zstd"
 _INFORMATION = "rosbag2_bagfile_information"  # what the metadata hold, by this key
 Source: TypeAlias = McapSource | SqliteSource
 """Its `channels` know the channel of every message handed out by `blocks`; its `custom_data` and
-`cut`, why the file ends early, are complete when these are."""
+`cut`, why the file ends early, and `damaged`, whether it may hold more, are complete when these
+are."""
 
 
 class Bag:
@@ -57,6 +58,8 @@ class Bag:
         Whether a process was still recording it, or recovering it, when it was opened.
     flaws : list of str
         Why the recording counts as cut; empty for a complete bag; complete after `blocks`.
+    damaged : bool
+        Whether anything but its end is missing, so that it may hold more; complete after `blocks`.
 
     Raises
     ------
@@ -71,6 +74,7 @@ class Bag:
         folder = self.path if self.path.is_dir() else self.path.parent
         self.live = claimed(folder)
         self.flaws: list[str] = []
+        self.damaged = False
         self._finished = not self.live and (folder / METADATA).exists()
         try:
             self._information = self._read_information()
@@ -95,6 +99,7 @@ class Bag:
             raise BagError(f"{self.path} cannot be read: {error.strerror}") from error
         promised, found = self._information.get("message_count"), self.counts.total()
         if isinstance(promised, int) and promised != found:
+            self.damaged |= not self.flaws  # else they tell what the others were
             self.flaws.append(f"{METADATA} promises {promised} messages, {found} are there")
 
     def _blocks_of(
@@ -111,6 +116,7 @@ class Bag:
             self.counts.setdefault(channel.topic, 0)
         if source.cut:
             self.flaws.append(source.cut)
+        self.damaged |= source.damaged
         self.custom_data = {**source.custom_data, **self.custom_data}
 
     def _source(self, path: Path, allowance: Allowance) -> Source:
@@ -123,7 +129,7 @@ class Bag:
                 with plain_file(path) as compressed, plain.open("wb") as target:
                     target.writelines(unzstd(compressed, allowance))
             except BagError as error:
-                self.flaws.append(f"{path.name} is damaged: {error}")
+                self._damage(f"{path.name} is damaged: {error}")
             return _opened(plain, allowance, finished=True)
 
     def _read_information(self) -> dict[str, Any]:
@@ -148,8 +154,12 @@ class Bag:
         try:
             return read(content.decode())
         except (TypeError, KeyError, ValueError) as error:
-            self.flaws.append(f"its {name} is damaged: {error}")
+            self._damage(f"its {name} is damaged: {error}")
             return None
+
+    def _damage(self, text: str) -> None:
+        self.flaws.append(text)
+        self.damaged = True
 
     def _storage_files(self) -> list[Path]:
         if self.path.is_file():
@@ -162,7 +172,7 @@ class Bag:
             files = {self.path / Path(str(name)).name: None for name in named}
             lost = [file.name for file in files if not os.path.lexists(file)]
             if lost:
-                self.flaws.append(f"{', '.join(lost)} is missing")
+                self._damage(f"{', '.join(lost)} is missing")
             found = [file for file in files if file.name not in lost and _kind(file) in STORAGES]
         else:
             found = sorted(

@@ -44,6 +44,7 @@ _MESSAGE_HEAD = 22  # bytes of a message record before the payload
 _SMALLEST_MESSAGE = _RECORD.size + _MESSAGE_HEAD
 _WINDOW = 2**16  # read again as often as bare messages are interrupted
 _LONGEST_FLAW = 1_000  # characters
+_LONGEST_END = 2**20  # bytes of a record outside a chunk that may have been cut
 
 
 class _DamageError(Exception):
@@ -67,6 +68,7 @@ class McapSource:
         self.channels: dict[int, Channel] = {}
         self.custom_data: dict[str, str] = {}
         self.cut = ""
+        self.damaged = False
         self._schemas: dict[int, str] = {}
         self._size = path.stat().st_size  # of a bag being recorded what is there now is read
         if self._size == 0:
@@ -85,9 +87,17 @@ class McapSource:
             except (_DamageError, struct.error) as error:
                 self._flaw(f"{self._name} is damaged near byte {self._file.tell()}: {error}")
             except EOFError:
-                self._flaw(f"{self._name} ends without its index after {self._size} bytes")
+                told = f"{self._name} ends without its index after {self._size} bytes"
+                self._flaw(told, damaged=self._goes_on())
 
-    def _flaw(self, text: str) -> None:
+    def _goes_on(self) -> bool:
+        """Whether a record that leads beyond the file does so for damage, and not for a cut."""
+        unread = self._size - self._file.tell()
+        self._file.seek(max(0, self._size - len(_MAGIC)))
+        return unread > _LONGEST_END or self._file.read(len(_MAGIC)) == _MAGIC
+
+    def _flaw(self, text: str, *, damaged: bool = True) -> None:
+        self.damaged |= damaged
         if text not in self.cut and len(self.cut) < _LONGEST_FLAW:
             self.cut = f"{self.cut}; {text}" if self.cut else text
 
@@ -110,8 +120,7 @@ class McapSource:
                 self._sum = before
                 yield self._bare_messages(length)
             elif opcode == _CHUNK:
-                content = self._read(min(length, left))
-                yield from self._chunk(content, complete=length <= left)
+                yield from self._chunk(self._read(min(length, left)), length)
             elif length > left:
                 raise EOFError
             else:
@@ -145,15 +154,18 @@ class McapSource:
         self._read(stop)
         return self._block(data, table[:, :count])
 
-    def _chunk(self, content: bytes, *, complete: bool) -> Iterator[Block]:
-        """Messages of a chunk, as many as there are whole."""
+    def _chunk(self, content: bytes, length: int) -> Iterator[Block]:
+        """Messages of a chunk of a length, as many as there are whole."""
+        complete = len(content) == length
         if not complete and len(content) < _CHUNK_HEAD.size + 4:
             return
         _, _, size, checksum = _CHUNK_HEAD.unpack_from(content)
         name, start = _text(content, _CHUNK_HEAD.size)
         if not complete and (name or len(content) < start + 8):
+            self.damaged |= bool(name)  # other programs may unpack what is there
             return
         (stored,) = struct.unpack_from("<Q", content, start)
+        self.damaged |= not complete and start + 8 + stored != length
         body = memoryview(content)[start + 8 : start + 8 + stored]
         if complete and len(body) < stored:
             raise _DamageError(f"chunk of {stored} bytes in a record of {len(content)}")
@@ -166,7 +178,7 @@ class McapSource:
         except BagError as error:  # where the next one begins is known
             self._flaw(f"a chunk of {self._name} is left out: {error}")
             return
-        yield from self._chunk_records(np.frombuffer(records, np.uint8), complete=complete)
+        yield from self._chunk_records(np.frombuffer(records, np.uint8), size)
 
     def _decompressed(self, body: memoryview, name: str, size: int) -> bytes | memoryview:
         if name == "zstd":
@@ -177,7 +189,8 @@ class McapSource:
             raise BagError(f"it is compressed with {name!r}, known are zstd and lz4")
         return body
 
-    def _chunk_records(self, data: Bytes, *, complete: bool) -> Iterator[Block]:
+    def _chunk_records(self, data: Bytes, size: int) -> Iterator[Block]:
+        """Messages in the records of a chunk of a size, the last of which may be cut with it."""
         table = _table_for(data)
         count, position = _scan(data, 0, table, 0)
         while (start := position + _RECORD.size) <= len(data):
@@ -189,7 +202,8 @@ class McapSource:
             count, position = _scan(data, start + length, table, count)
         if count:
             yield self._block(data, table[:, :count])
-        if complete and position < len(data):
+        end = start + length if start <= len(data) else start
+        if position < len(data) and not len(data) < end <= size:
             raise _DamageError("a chunk ends within a record")
 
     def _block(self, data: Bytes, found: Integers) -> Block:

@@ -18,6 +18,7 @@ import contextlib
 import os
 import shutil
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -39,9 +40,11 @@ _WORK = ".recovering"
 class Recovery(NamedTuple):
     """A bag that is complete now, with the number of its messages by topic.
 
-    It begins and ends at the first and last time of receipt [ns]; its flaws are why it was cut.
+    It begins and ends at the first and last time of receipt [ns]; its flaws are why it was cut. Its
+    folder is that of the cut bag, or another one if the cut bag may hold more.
     """
 
+    folder: Path
     counts: Counter[str]
     start_ns: int
     end_ns: int
@@ -51,14 +54,16 @@ class Recovery(NamedTuple):
 def recover(path: Path | str) -> Recovery:
     """Finish a cut bag: write its index and ``metadata.yaml``.
 
-    The bag is copied inside its folder, so that needs as much space again; the original is
-    replaced when the copy is complete, whose custom data say that it was cut. A recovery that was
-    itself killed can be repeated.
+    The bag is copied inside its folder, so that needs as much space again. The custom data of the
+    copy say that it was cut. When it is complete it replaces the original, if that lacks its end
+    only; else the original stays as it is, with the copy beside it in ``FOLDER.recovered``. Only
+    what this call has made is removed.
 
     Raises
     ------
     BagError
-        The bag is complete, is still being recorded, holds nothing, or cannot be written.
+        The bag is complete, is still being recorded, holds nothing, or cannot be written; or
+        something else is where it is to be, such as what a killed recovery has left.
     """
     folder = Path(path)
     if not folder.is_dir():
@@ -66,11 +71,11 @@ def recover(path: Path | str) -> Recovery:
     try:
         descriptor = claim(folder)
         try:
-            return _replace(_cut(folder), folder)
+            cut = _cut(folder)
+            with _new_folder(folder / _WORK) as work:
+                return (_put_beside if cut.damaged else _replace)(cut, folder, work)
         finally:
             os.close(descriptor)
-            with contextlib.suppress(FileNotFoundError):
-                shutil.rmtree(folder / _WORK)
     except OSError as error:
         reason = error.strerror or error.args[0]
         raise BagError(f"{folder} cannot be recovered: {reason}") from error
@@ -91,15 +96,36 @@ def _cut(folder: Path) -> Bag:
     return bag
 
 
-def _replace(cut: Bag, folder: Path) -> Recovery:
-    original = cut.files[0]
-    work = folder / _WORK
-    if os.path.lexists(work):
-        shutil.rmtree(work)
-    if original.suffix == ".db3":
+@contextlib.contextmanager
+def _new_folder(work: Path) -> Iterator[Path]:
+    try:
         work.mkdir()
+    except FileExistsError as error:
+        told = "perhaps a recovery that was killed left it; move or delete it, and recover again"
+        raise BagError(f"{work} exists already: {told}") from error
+    try:
+        yield work
+    finally:
+        shutil.rmtree(work)
+
+
+def _put_beside(cut: Bag, folder: Path, work: Path) -> Recovery:
+    """Leave a bag as it is that may hold more than can be read."""
+    whole = folder.resolve()
+    target = whole.with_name(f"{whole.name}.recovered")
+    if os.path.lexists(target):
+        told = "the recovered bag is to be there; move or delete it, and recover again"
+        raise BagError(f"{target} exists already: {told}")
+    recovery = _copy(Bag(folder), work / target.name, cut)
+    (work / target.name).rename(target)
+    return recovery._replace(folder=target)
+
+
+def _replace(cut: Bag, folder: Path, work: Path) -> Recovery:
+    original = cut.files[0]
+    if original.suffix == ".db3":
         settle(original, work)
-    copy = work / folder.absolute().name
+    copy = work / folder.resolve().name
     recovery = _copy(Bag(folder), copy, cut)
     (finished,) = (file for file in copy.iterdir() if file.suffix in STORAGES)
     target = folder / finished.name
@@ -112,7 +138,7 @@ def _replace(cut: Bag, folder: Path) -> Recovery:
     mark = folder / UNFINISHED
     for each in (mark, unfinished_of(mark)):
         each.unlink(missing_ok=True)
-    return recovery
+    return recovery._replace(folder=folder)
 
 
 def _copy(bag: Bag, copy: Path, cut: Bag) -> Recovery:
@@ -136,7 +162,7 @@ def _copy(bag: Bag, copy: Path, cut: Bag) -> Recovery:
             first = min(first, int(block.time.min(initial=first)))
             last = max(last, int(block.time.max(initial=last)))
         writer.set_custom_data(RECOVERED_KEY, "; ".join(bag.flaws))
-    return Recovery(bag.counts, first, last, tuple(bag.flaws))
+    return Recovery(copy, bag.counts, first, last, tuple(bag.flaws))
 
 
 def _announce(writer: BagWriter, channel: Channel) -> None:

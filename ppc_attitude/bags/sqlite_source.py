@@ -99,6 +99,11 @@ class SqliteSource:
             except _DAMAGE as error:
                 self._flaw(f"{self.path.name} is damaged: {_told(error)}")
 
+    @property
+    def damaged(self) -> bool:
+        """Whether the file may hold more than was read; complete after `blocks`."""
+        return bool(self.cut)  # every flaw of a database is of that kind
+
     def _flaw(self, text: str) -> None:
         self.cut = f"{self.cut}; {text}" if self.cut else text
 

@@ -23,7 +23,10 @@ from ppc_attitude.processes.exits import DONE
 from ppc_attitude.science.stamps import seconds
 
 HELP = "finish a bag whose recorder was killed"
-DESCRIPTION = "Writes index and metadata of a bag that was cut, so that every tool can read it."
+DESCRIPTION = (
+    "Writes index and metadata of a bag that was cut, so that every tool can read it. If more than "
+    "its end is missing, BAG stays as it is, and the complete bag is in BAG.recovered."
+)
 EXAMPLES = ("ppc_attitude recover bags/cut",)
 
 
@@ -39,5 +42,7 @@ def execute(arguments: argparse.Namespace) -> int:
     messages = f"{found.counts.total()} messages on {len(found.counts)} topics"
     print(f"{messages}, received within {length:.3f} s")
     print(f"it was cut: {printable('; '.join(found.flaws))}")
-    print(f"bag: {arguments.bag}")
+    if found.folder != arguments.bag:
+        print(f"{arguments.bag} stays as it is: it may hold more than could be read")
+    print(f"bag: {found.folder}")
     return DONE
