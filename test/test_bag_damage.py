@@ -85,6 +85,38 @@ def test_what_is_no_bag_is_refused_by_name(tmp_path: Path) -> None:
     refused(tmp_path / "gone", "is no bag: it holds no")
 
 
+def test_a_database_of_other_texts_is_refused(tmp_path: Path) -> None:
+    """Messages that pass through its texts would have other bytes."""
+    write_run(RUN, tmp_path / "bag", storage="sqlite3")
+    file = storage_file(tmp_path / "bag")
+    with contextlib.closing(sqlite3.connect(file)) as database:
+        content = "".join(database.iterdump())
+    file.unlink()
+    with contextlib.closing(sqlite3.connect(file)) as database:
+        database.execute("PRAGMA encoding = 'UTF-16le'")
+        database.executescript(content)
+    with pytest.raises(BagError, match="its encoding is UTF-16le, allowed is UTF-8"):
+        read_run(tmp_path / "bag")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("topics SET name = x'00' WHERE id = 1", "topic 1 has a name, type or QoS that is no text"),
+        (
+            "messages SET timestamp = 'x' WHERE id = 1007",
+            "a message behind message 1000 lacks a part, or has a topic or time that is no integer",
+        ),
+    ],
+)
+def test_a_row_that_is_none_is_named(tmp_path: Path, change: str, message: str) -> None:
+    write_run(WHOLE, tmp_path / "bag", storage="sqlite3")
+    with contextlib.closing(sqlite3.connect(storage_file(tmp_path / "bag"))) as database, database:
+        database.execute(f"UPDATE {change}")
+    with pytest.raises(BagError, match=message):
+        raise BagError(read_run(tmp_path / "bag").warnings[0])
+
+
 @pytest.mark.parametrize("text", ["{", "- a\n- b", "rosbag2_bagfile_information: 3", "\x00", ""])
 def test_damaged_metadata_are_a_warning(tmp_path: Path, text: str) -> None:
     write_run(RUN, tmp_path / "bag")

@@ -203,8 +203,16 @@ def test_a_topic_that_nobody_knows_hinders_only_with_messages(tmp_path: Path) ->
 def test_a_row_that_is_none_leaves_the_database_as_it_is(tmp_path: Path) -> None:
     write_run(RUN, tmp_path / "bag", storage="sqlite3")
     with contextlib.closing(sqlite3.connect(storage_file(tmp_path / "bag"))) as database, database:
-        database.execute("UPDATE messages SET timestamp = 'x' WHERE id = 1005")
-    recovered_beside(tmp_path / "bag")
+        for place, spoilt in enumerate(
+            ("timestamp = 'x'", "timestamp = 1.5", "topic_id = 99", "topic_id = 'x'", "data = 'ö'")
+        ):
+            database.execute(f"UPDATE messages SET {spoilt} WHERE id = {1005 + place}")
+    beside = recovered_beside(tmp_path / "bag")
+    with contextlib.closing(sqlite3.connect(storage_file(tmp_path / "bag"))) as database:
+        (whole,) = database.execute("SELECT count(*) FROM messages").fetchone()
+    with contextlib.closing(sqlite3.connect(storage_file(beside))) as database:
+        (read,) = database.execute("SELECT count(*) FROM messages").fetchone()
+    assert read == whole - 5
 
 
 def test_a_file_with_less_than_was_promised_stays_as_it_is(tmp_path: Path) -> None:

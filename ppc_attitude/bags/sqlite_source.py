@@ -33,9 +33,14 @@ import numpy as np
 from ppc_attitude.bags.custom_data import custom_data_in
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.foreign import demand_plain, plain_file
-from ppc_attitude.bags.source import Block, Channel
+from ppc_attitude.bags.source import Block, Channel, Integers
 
-_FUNCTIONS = {"group_concat", "length"}
+_FUNCTIONS = {"group_concat", "length", "typeof"}
+_ANY = "TRUE"
+_GOOD = (
+    "typeof(topic_id) = 'integer' AND typeof(timestamp) = 'integer' AND typeof(data) = 'blob' "
+    "AND topic_id IN (SELECT id FROM topics)"
+)
 _BELOW_ALL_IDS = -(2**63)
 _ROWS = 1_000  # of a block
 _MOST_BYTES = 8 * 2**20  # of a block that has several messages
@@ -75,6 +80,9 @@ class SqliteSource:
             raise BagError(f"{path} holds nothing")
         self._database = self._open(finished)
         try:
+            ((encoding,),) = self._database.execute("PRAGMA encoding")
+            if encoding != "UTF-8":  # `_block` passes messages through texts
+                raise ValueError(f"its encoding is {encoding}, allowed is UTF-8")
             for table in _TABLES.keys() - {_METADATA}:
                 _demand_table(self._database, table)
             self.channels = self._read_channels()
@@ -92,12 +100,14 @@ class SqliteSource:
         """
         last = _BELOW_ALL_IDS
         with contextlib.closing(self._database):
-            try:
-                while block := self._block(last):
-                    last, found = block
-                    yield found
-            except _DAMAGE as error:
-                self._flaw(f"{self.path.name} is damaged: {_told(error)}")
+            for which in (_ANY, _GOOD):  # to look at each message takes longer
+                try:
+                    while block := self._block(last, which):
+                        last, found = block
+                        yield found
+                    return
+                except _DAMAGE as error:
+                    self._flaw(f"{self.path.name} is damaged: {_told(error)}")
 
     @property
     def damaged(self) -> bool:
@@ -105,17 +115,18 @@ class SqliteSource:
         return bool(self.cut)  # every flaw of a database is of that kind
 
     def _flaw(self, text: str) -> None:
-        self.cut = f"{self.cut}; {text}" if self.cut else text
+        if text not in self.cut:
+            self.cut = f"{self.cut}; {text}" if self.cut else text
 
-    def _block(self, last: int) -> tuple[int, Block] | None:
+    def _block(self, last: int, which: str) -> tuple[int, Block] | None:
         """Fetch messages behind an id as one block, and the id of the last; None if there are none.
 
         SQLite joins them, which costs less than rows. The sizes are fetched first: in a forged file
         all messages may hold the same large part.
         """
-        behind = f"FROM messages WHERE id > {last} ORDER BY id LIMIT"
+        behind = f"FROM messages WHERE id > {last} AND {which} ORDER BY id LIMIT"
         numbers = [
-            np.fromstring(text or "", np.int64, sep=",")
+            _integers(text or "")
             for text in self._database.execute(
                 "SELECT group_concat(id), group_concat(topic_id), group_concat(timestamp), "
                 "group_concat(size) FROM "
@@ -123,14 +134,15 @@ class SqliteSource:
             ).fetchone()
         ]
         if len({each.size for each in numbers}) > 1:
-            raise ValueError(f"a message behind message {last} lacks a part")
+            told = "lacks a part, or has a topic or time that is no integer"
+            raise ValueError(f"a message behind message {last} {told}")
         if not numbers[0].size:
             return None
         count = max(1, int(np.searchsorted(np.cumsum(numbers[3]), _MOST_BYTES)))
         ids, channel, time, length = (each[:count] for each in numbers)
         size = int(length.sum())
-        self._held += size + _SMALLEST_ROW * ids.size
-        self._demand_room(self._held)
+        held = self._held + size + _SMALLEST_ROW * ids.size
+        self._demand_room(held)
         if ids[0] <= last or (ids[1:] <= ids[:-1]).any():
             raise ValueError(f"messages behind message {last} are out of order")
         (data,) = self._database.execute(
@@ -144,6 +156,7 @@ class SqliteSource:
             self.channels = self._read_channels()
         for unknown in topics - self.channels.keys():
             raise ValueError(f"message of topic {unknown}, which is not defined")
+        self._held = held
         offset = np.cumsum(length) - length
         return int(ids[-1]), Block(np.frombuffer(data, np.uint8), channel, time, offset, length)
 
@@ -160,6 +173,8 @@ class SqliteSource:
         channels, held = {}, 0
         query = f"SELECT id, name, type, {qos} FROM topics"
         for key, *texts in self._database.execute(query):
+            if not all(isinstance(text, str) for text in texts):
+                raise ValueError(f"topic {key} has a name, type or QoS that is no text")
             held += len("".join(texts))
             self._demand_room(held)
             channels[key] = Channel(*texts)
@@ -196,6 +211,14 @@ class SqliteSource:
         return database
 
 
+def _integers(text: str) -> Integers:
+    """Integers in a text; none if one of them is none."""
+    try:
+        return np.fromstring(text, np.int64, sep=",")
+    except ValueError:
+        return np.empty(0, np.int64)
+
+
 def _told(error: Exception) -> str:
     return str(error) or "a row claims more than there is memory"  # a MemoryError says nothing
 
@@ -214,7 +237,7 @@ def _only_reading_of_tables(
     allowed = {
         sqlite3.SQLITE_SELECT: True,
         sqlite3.SQLITE_READ: first in {"sqlite_master", *_TABLES} and view is None,
-        sqlite3.SQLITE_PRAGMA: first == "table_xinfo",
+        sqlite3.SQLITE_PRAGMA: first in {"table_xinfo", "encoding"},
         sqlite3.SQLITE_FUNCTION: second in _FUNCTIONS,
     }
     return sqlite3.SQLITE_OK if allowed.get(action) else sqlite3.SQLITE_DENY
