@@ -26,6 +26,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import lz4.frame
@@ -35,6 +36,7 @@ import zstandard
 from bag_helpers import messages, record_all, storage_file
 from synthetic import SAMPLED, normal_run
 
+from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.foreign import SMALL, UNFOLDS
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
@@ -235,11 +237,77 @@ def test_memory_stays_below_the_stated_multiple_of_the_bag(tmp_path: Path) -> No
         assert re.search(message, line), f"{line} is not {message}"
 
 
-def attitudes(count: int, behind: bytes = b"", step: int = 1) -> bytes:
+def long_compression(bag: Path) -> None:
+    append(bag, chunk(LONG.encode(), 0, b""))
+
+
+def long_type(bag: Path) -> None:
+    storage_file(bag).write_bytes(b"\x89MCAP0\r\n" + attitudes(1, msgtype=LONG))
+
+
+def long_frame(bag: Path) -> None:
+    storage_file(bag).write_bytes(b"\x89MCAP0\r\n" + attitudes(2, frame=LONG[:4_000]))
+
+
+def long_file_name(bag: Path) -> None:
+    metadata(bag, relative_file_paths=["bag.mcap", LONG])
+
+
+def long_tag(bag: Path) -> None:
+    (bag / "metadata.yaml").write_text(f"!{LONG} 3")
+
+
+def long_tag_in_mcap(bag: Path) -> None:
+    (bag / "metadata.yaml").unlink()
+    table = text(b"serialized_metadata", f"!{LONG} custom_data".encode())
+    append(bag, record(12, text(b"rosbag2") + struct.pack("<I", len(table)) + table))
+
+
+def long_parameter(bag: Path) -> None:
+    said = json.dumps({"spacecraft_plant": {"rate": LONG}})
+    metadata(bag, custom_data={"ppc_attitude.parameters": said})
+
+
+def long_column(bag: Path) -> None:
+    with contextlib.closing(sqlite3.connect(storage_file(bag))) as database:
+        database.execute(f"ALTER TABLE messages ADD COLUMN {LONG} DEFAULT 1")
+
+
+LONG = 50_000 * "x"
+LONG_WORDS: list[tuple[Callable[[Path], None], str]] = [
+    (long_compression, "a chunk of bag.mcap is left out: it is compressed with 'xxx"),
+    (long_type, r"is no run of this package; it holds /attitude \(xxx"),
+    (long_frame, "2 messages of /attitude are read as if in its frame: frame_id 'xxx"),
+    (long_file_name, "recording was cut: xxx.*… is missing"),
+    (long_tag, "its metadata.yaml is damaged: .*xxx"),
+    (long_tag_in_mcap, "the metadata in bag.mcap are damaged: .*xxx"),
+    (long_parameter, "its parameters of spacecraft_plant cannot be used: rate = .*xxx"),
+    (long_column, "cannot be read as a rosbag2 database: column xxx"),
+]
+
+
+@pytest.mark.parametrize(("make", "message"), LONG_WORDS)
+def test_long_words_of_a_stranger_are_shortened(
+    tmp_path: Path, make: Callable[[Path], None], message: str
+) -> None:
+    write_run(RUN, tmp_path / "bag", storage="sqlite3" if make is long_column else "mcap")
+    make(tmp_path / "bag")
+    with pytest.raises(BagError, match=message) as told:
+        raise BagError("\n".join(read_run(tmp_path / "bag").warnings))
+    assert 300 < len(str(told.value)) < 1_500
+
+
+def attitudes(
+    count: int,
+    behind: bytes = b"",
+    step: int = 1,
+    frame: str = ATTITUDE.frame_id,
+    msgtype: str = ATTITUDE.msgtype,
+) -> bytes:
     """Records of a topic and its messages, with something behind each; −1: the last one first."""
-    schema = record(3, struct.pack("<H", 9) + text(ATTITUDE.msgtype.encode(), b"", b""))
+    schema = record(3, struct.pack("<H", 9) + text(msgtype.encode(), b"", b""))
     channel = record(4, struct.pack("<HH", 9, 9) + text(b"/attitude", b"cdr", b""))
-    codec, values = Codec(ATTITUDE), tuple(RUN["attitude"][0])
+    codec, values = Codec(replace(ATTITUDE, frame_id=frame)), tuple(RUN["attitude"][0])
     told = (codec.encode(k * 10_000_000, values) for k in range(count)[::step])
     head = struct.pack("<HIQQ", 9, 0, 0, 0)
     return schema + channel + b"".join(record(5, head + data) + behind for data in told)

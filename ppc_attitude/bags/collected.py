@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.bags.changes import MOST, decode_changes
+from ppc_attitude.bags.errors import shortened
 from ppc_attitude.bags.source import Block, Channel, split_rows
 from ppc_attitude.bags.timeline import Series
 from ppc_attitude.contract.carriers import carriers, decode_rows, is_stamped
@@ -95,7 +96,7 @@ class Collected:
         others = readable & codec.other_frames(rows)
         if others.any():
             frame = codec.decode(rows[others.argmax()].tobytes()).frame_id
-            told = f"frame_id {frame!r}; allowed: {codec.topic.frame_id!r}"
+            told = f"frame_id {shortened(frame)!r}; allowed: {codec.topic.frame_id!r}"
             count, told = self._strange.get(name, (0, told))
             self._strange[name] = count + int(others.sum()), told
 

@@ -18,7 +18,7 @@ import json
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from ppc_attitude.bags.errors import all_printable, printable
+from ppc_attitude.bags.errors import all_printable, printable, shortened
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.contract.yaml_file import parsed, parsed_json
@@ -138,7 +138,7 @@ def usable(node: str, values: Mapping[str, Any], flaws: list[str]) -> dict[str, 
             named = known.choices and not known.is_list and isinstance(values[known.name], str)
             if not named:  # else it may be a component that is not installed here
                 del left[known.name]
-                flaws.append(f"its parameters of {node} cannot be used: {error}")
+                flaws.append(f"its parameters of {node} cannot be used: {shortened(error)}")
     return left
 
 

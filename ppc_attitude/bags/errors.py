@@ -16,12 +16,20 @@
 
 from typing import Any
 
+_LONGEST_QUOTE = 300  # characters
+
 
 class BagError(ValueError):
     """A bag cannot be written, read, recovered or exported; the message says why."""
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message))
+
+
+def shortened(what: object) -> str:
+    """Text of a stranger, or of an error that may repeat one, as our own sentences quote it."""
+    text = str(what)
+    return text if len(text) <= _LONGEST_QUOTE else f"{text[:_LONGEST_QUOTE]}…"
 
 
 def printable(text: str) -> str:

@@ -25,7 +25,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ppc_attitude.bags.custom_data import custom_data_of
-from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.errors import BagError, shortened
 from ppc_attitude.bags.foreign import Allowance, demand_plain, plain_file, unzstd
 from ppc_attitude.bags.marks import METADATA, UNFINISHED, claimed
 from ppc_attitude.bags.mcap_source import McapSource
@@ -154,7 +154,7 @@ class Bag:
         try:
             return read(content.decode())
         except (TypeError, KeyError, ValueError) as error:
-            self._damage(f"its {name} is damaged: {error}")
+            self._damage(f"its {name} is damaged: {shortened(error)}")
             return None
 
     def _damage(self, text: str) -> None:
@@ -172,7 +172,7 @@ class Bag:
             files = {self.path / Path(str(name)).name: None for name in named}
             lost = [file.name for file in files if not os.path.lexists(file)]
             if lost:
-                self._damage(f"{', '.join(lost)} is missing")
+                self._damage(f"{', '.join(map(shortened, lost))} is missing")
             found = [file for file in files if file.name not in lost and _kind(file) in STORAGES]
         else:
             found = sorted(

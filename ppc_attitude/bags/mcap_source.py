@@ -31,7 +31,7 @@ from zlib import crc32
 import numpy as np
 
 from ppc_attitude.bags.custom_data import custom_data_in
-from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.errors import BagError, shortened
 from ppc_attitude.bags.foreign import Allowance, plain_file, unlz4, unzstd
 from ppc_attitude.bags.source import Block, Bytes, Channel, Integers
 from ppc_attitude.science.kernel import kernel
@@ -186,7 +186,8 @@ class McapSource:
         if name == "lz4":
             return unlz4(body, size, self._allowance)
         if name:
-            raise BagError(f"it is compressed with {name!r}, known are zstd and lz4")
+            told = f"it is compressed with {shortened(name)!r}"
+            raise BagError(f"{told}, known are zstd and lz4")
         return body
 
     def _chunk_records(self, data: Bytes, size: int) -> Iterator[Block]:
@@ -235,7 +236,7 @@ class McapSource:
         try:
             self.custom_data = custom_data_in(text) or self.custom_data
         except ValueError as error:
-            self._flaw(f"the metadata in {self._name} are damaged: {error}")
+            self._flaw(f"the metadata in {self._name} are damaged: {shortened(error)}")
 
 
 def _text(content: bytes, position: int) -> tuple[str, int]:

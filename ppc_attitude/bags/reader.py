@@ -23,7 +23,7 @@ from typing import Any
 
 from ppc_attitude.bags.collected import Collected, readings
 from ppc_attitude.bags.custom_data import RECOVERED_KEY, decode_custom_data, usable
-from ppc_attitude.bags.errors import BagError, printable
+from ppc_attitude.bags.errors import BagError, printable, shortened
 from ppc_attitude.bags.folder import Bag
 from ppc_attitude.bags.timeline import Timeline, align
 from ppc_attitude.contract.carriers import carriers
@@ -280,7 +280,8 @@ def _only_namespace(bag: Bag, names: Mapping[Topic, str]) -> str:
 
 
 def _held(bag: Bag) -> str:
-    return ", ".join(f"{name} ({msgtype})" for name, msgtype in sorted(bag.topics.items()))
+    topics = sorted(bag.topics.items())
+    return ", ".join(f"{shortened(name)} ({shortened(msgtype)})" for name, msgtype in topics)
 
 
 def _lacking(

@@ -31,7 +31,7 @@ from urllib.parse import quote
 import numpy as np
 
 from ppc_attitude.bags.custom_data import custom_data_in
-from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.errors import BagError, shortened
 from ppc_attitude.bags.foreign import demand_plain, plain_file
 from ppc_attitude.bags.source import Block, Channel, Integers
 
@@ -220,7 +220,8 @@ def _integers(text: str) -> Integers:
 
 
 def _told(error: Exception) -> str:
-    return str(error) or "a row claims more than there is memory"  # a MemoryError says nothing
+    # A MemoryError says nothing.
+    return shortened(error) or "a row claims more than there is memory"
 
 
 def _connect(path: Path, immutable: bool) -> sqlite3.Connection:
