@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import zstandard
 from bag_helpers import (
     assert_prefix,
     assert_same,
@@ -78,6 +79,9 @@ def test_what_is_no_bag_is_refused_by_name(tmp_path: Path) -> None:
         refused(file, message)
         file.write_bytes(b"")
         refused(file, "holds nothing")
+    packed = tmp_path / "text.mcap.zstd"
+    packed.write_bytes(zstandard.compress(b"no storage"))
+    refused(packed, r"text\.mcap\.zstd is no MCAP file")
     (tmp_path / "gone").mkdir()
     (tmp_path / "gone" / "metadata.yaml").write_text(
         "rosbag2_bagfile_information: {version: 9, relative_file_paths: [gone.mcap]}"

@@ -196,7 +196,7 @@ def test_a_topic_that_nobody_knows_hinders_only_with_messages(tmp_path: Path) ->
     assert_same(read_run(bag), RUN)
     with contextlib.closing(sqlite3.connect(storage_file(also), isolation_level=None)) as database:
         database.execute("INSERT INTO messages SELECT 999999, 99, 7, x'00010000'")
-    with pytest.raises(BagError, match=r"own_msgs/msg/Own, the type of /own, is not in Jazzy"):
+    with pytest.raises(BagError, match=r"'own_msgs/msg/Own', the type of /own, is not in Jazzy"):
         recover(also)
 
 
@@ -251,13 +251,19 @@ def test_a_path_may_go_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path:
     assert {file.name for file in bag.iterdir()} == {METADATA, "bag.mcap", "sub"}
 
 
-def test_profiles_in_a_text_are_not_read_to_any_depth(tmp_path: Path) -> None:
-    """The text of a text ended the process, or the parser's stack."""
+@pytest.mark.parametrize(
+    ("profiles", "shown"),
+    [
+        ("'" + 200_000 * "[" + "'", '"\'\\[{299}…"'),  # ended the process, or the parser's stack
+        ("- 1", "'- 1'"),
+        ("- history: 3", "'- history: 3'"),
+    ],
+)
+def test_profiles_that_are_none_are_named(tmp_path: Path, profiles: str, shown: str) -> None:
     bag = unfinished(tmp_path / "bag", "sqlite3", RUN)
     with contextlib.closing(sqlite3.connect(storage_file(bag), isolation_level=None)) as database:
-        profiles = "'" + 200_000 * "[" + "'"
         database.execute("UPDATE topics SET offered_qos_profiles = ?", [profiles])
-    with pytest.raises(BagError, match=r"the QoS of /\w+ cannot be read: '\[{40}' is no list"):
+    with pytest.raises(BagError, match=rf"the QoS of /\w+ is {shown}, allowed is a list"):
         recover(bag)
 
 

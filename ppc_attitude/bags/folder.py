@@ -130,7 +130,10 @@ class Bag:
                     target.writelines(unzstd(compressed, allowance))
             except BagError as error:
                 self._damage(f"{path.name} is damaged: {error}")
-            return _opened(plain, allowance, finished=True)
+            try:
+                return _opened(plain, allowance, finished=True)
+            except BagError as error:  # names the copy
+                raise BagError(str(error).replace(str(plain), str(path))) from error
 
     def _read_information(self) -> dict[str, Any]:
         """Take what ``metadata.yaml`` says, or else the mark of an unfinished bag; or nothing."""

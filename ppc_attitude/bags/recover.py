@@ -25,7 +25,7 @@ from typing import NamedTuple
 from rosbags.rosbag2.metadata import parse_qos
 
 from ppc_attitude.bags.custom_data import RECOVERED_KEY
-from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.errors import BagError, shortened
 from ppc_attitude.bags.folder import STORAGES, Bag
 from ppc_attitude.bags.marks import METADATA, UNFINISHED, claim
 from ppc_attitude.bags.source import Channel, payloads_of
@@ -169,8 +169,9 @@ def _announce(writer: BagWriter, channel: Channel) -> None:
     try:
         profiles = parsed(channel.offered_qos)
         if isinstance(profiles, str):  # would be taken for YAML, of any depth
-            raise ValueError(f"{profiles[:40]!r} is no list of profiles")
+            raise TypeError
         qos = parse_qos(profiles)
     except (ValueError, LookupError, TypeError, AttributeError) as error:
-        raise BagError(f"the QoS of {channel.topic} cannot be read: {error}") from error
+        told = f"the QoS of {channel.topic} is {shortened(channel.offered_qos)!r}"
+        raise BagError(f"{told}, allowed is a list of profiles as rosbag2 writes it") from error
     writer.add_topic(channel.topic, channel.msgtype, qos)

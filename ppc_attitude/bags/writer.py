@@ -40,7 +40,7 @@ from rosbags.rosbag2 import WriterError
 from rosbags.typesys import TypesysError
 
 from ppc_attitude.bags.changes import jazzy
-from ppc_attitude.bags.errors import BagError
+from ppc_attitude.bags.errors import BagError, shortened
 from ppc_attitude.bags.marks import UNFINISHED, claim, write_unfinished
 from ppc_attitude.bags.storage import PLUGINS, KillSafeWriter
 
@@ -130,7 +130,9 @@ class BagWriter:
                     topic, msgtype, typestore=jazzy(), offered_qos_profiles=offered_qos
                 )
             except (TypesysError, KeyError) as error:
-                raise BagError(f"{msgtype}, the type of {topic}, is not in Jazzy") from error
+                raise BagError(
+                    f"{shortened(msgtype)!r}, the type of {topic}, is not in Jazzy"
+                ) from error
 
     def write(self, topic: str, receive_time_ns: int, data: bytes) -> None:
         """Append a message, as CDR, to a topic that was announced; it was received at a time [ns].
