@@ -108,6 +108,10 @@ def test_a_database_of_other_texts_is_refused(tmp_path: Path) -> None:
     [
         ("topics SET name = x'00' WHERE id = 1", "topic 1 has a name, type or QoS that is no text"),
         (
+            "messages SET timestamp = 'x' WHERE id = 2",
+            "db3 is damaged: a message lacks a part, or has a topic or time that is no integer",
+        ),
+        (
             "messages SET timestamp = 'x' WHERE id = 1007",
             "a message behind message 1000 lacks a part, or has a topic or time that is no integer",
         ),

@@ -215,6 +215,14 @@ def test_a_row_that_is_none_leaves_the_database_as_it_is(tmp_path: Path) -> None
     assert read == whole - 5
 
 
+def test_a_bag_with_a_topic_of_two_types_stays_as_it_is(tmp_path: Path) -> None:
+    bag = unfinished(tmp_path / "bag", "sqlite3", RUN)
+    with contextlib.closing(sqlite3.connect(storage_file(bag))) as database, database:
+        name = "SELECT name FROM topics WHERE type LIKE '%Wrench%'"
+        database.execute(f"UPDATE topics SET name = ({name}) WHERE type LIKE '%Quaternion%'")
+    assert recover(bag).folder != bag
+
+
 def test_a_file_with_less_than_was_promised_stays_as_it_is(tmp_path: Path) -> None:
     write_run(RUN, tmp_path / "bag")
     promise = tmp_path / "bag" / METADATA

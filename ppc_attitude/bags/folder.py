@@ -59,7 +59,7 @@ class Bag:
     flaws : list of str
         Why the recording counts as cut; empty for a complete bag; complete after `blocks`.
     damaged : bool
-        Whether anything but its end is missing, so that it may hold more; complete after `blocks`.
+        Whether a copy may lack more than the end that is missing; complete after `blocks`.
 
     Raises
     ------
@@ -112,7 +112,8 @@ class Bag:
                 self.counts[source.channels[int(key)].topic] += int(met)
             yield source.channels, block
         for channel in source.channels.values():
-            self.topics.setdefault(channel.topic, channel.msgtype)
+            msgtype = self.topics.setdefault(channel.topic, channel.msgtype)
+            self.damaged |= msgtype != channel.msgtype  # a copy would have one of both
             self.counts.setdefault(channel.topic, 0)
         if source.cut:
             self.flaws.append(source.cut)

@@ -124,6 +124,7 @@ class SqliteSource:
         SQLite joins them, which costs less than rows. The sizes are fetched first: in a forged file
         all messages may hold the same large part.
         """
+        where = "" if last == _BELOW_ALL_IDS else f" behind message {last}"
         behind = f"FROM messages WHERE id > {last} AND {which} ORDER BY id LIMIT"
         numbers = [
             _integers(text or "")
@@ -135,7 +136,7 @@ class SqliteSource:
         ]
         if len({each.size for each in numbers}) > 1:
             told = "lacks a part, or has a topic or time that is no integer"
-            raise ValueError(f"a message behind message {last} {told}")
+            raise ValueError(f"a message{where} {told}")
         if not numbers[0].size:
             return None
         count = max(1, int(np.searchsorted(np.cumsum(numbers[3]), _MOST_BYTES)))
@@ -144,12 +145,12 @@ class SqliteSource:
         held = self._held + size + _SMALLEST_ROW * ids.size
         self._demand_room(held)
         if ids[0] <= last or (ids[1:] <= ids[:-1]).any():
-            raise ValueError(f"messages behind message {last} are out of order")
+            raise ValueError(f"messages{where} are out of order")
         (data,) = self._database.execute(
             f"SELECT CAST(group_concat(data, '') AS BLOB) FROM (SELECT data {behind} {ids.size})"
         ).fetchone()
         if len(data) != size:
-            raise ValueError(f"a message behind message {last} has another length than it says")
+            raise ValueError(f"a message{where} has another length than it says")
         topics = set(channel.tolist())
         if not self.channels.keys() >= topics:
             # A recorder may have met another topic meanwhile.
