@@ -223,6 +223,15 @@ def test_a_bag_with_a_topic_of_two_types_stays_as_it_is(tmp_path: Path) -> None:
     assert recover(bag).folder != bag
 
 
+def test_a_channel_that_is_defined_as_two_keeps_its_messages(tmp_path: Path) -> None:
+    bag = unfinished(tmp_path / "bag", "mcap", RUN)
+    texts = b"".join(struct.pack("<I", len(each)) + each for each in (b"/other", b"cdr", b""))
+    with storage_file(bag).open("ab") as file:
+        file.write(struct.pack("<BQHH", 4, 4 + len(texts), 1, 1) + texts)
+    assert "channel 1 is defined as two" in read_run(bag).warnings[0]
+    assert_same(read_run(recovered_beside(bag)), RUN)
+
+
 def test_a_file_with_less_than_was_promised_stays_as_it_is(tmp_path: Path) -> None:
     write_run(RUN, tmp_path / "bag")
     promise = tmp_path / "bag" / METADATA

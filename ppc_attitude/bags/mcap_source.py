@@ -225,7 +225,9 @@ class McapSource:
             topic, position = _text(content, 4)
             _, position = _text(content, position)
             qos = _table(content, position).get("offered_qos_profiles", "")
-            self.channels[key] = Channel(topic, self._schemas.get(schema, ""), qos)
+            channel = Channel(topic, self._schemas.get(schema, ""), qos)
+            if self.channels.setdefault(key, channel) != channel:  # whose are its messages?
+                raise _DamageError(f"channel {key} is defined as two")
 
     def _read_metadata(self, content: bytes) -> None:
         """Take the custom data from the file's copy of ``metadata.yaml``."""
