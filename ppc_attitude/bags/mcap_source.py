@@ -93,7 +93,7 @@ class McapSource:
     def _goes_on(self) -> bool:
         """Whether a record that leads beyond the file does so for damage, and not for a cut."""
         unread = self._size - self._file.tell()
-        self._file.seek(max(0, self._size - len(_MAGIC)))
+        self._file.seek(max(len(_MAGIC), self._size - len(_MAGIC)))
         return unread > _LONGEST_END or self._file.read(len(_MAGIC)) == _MAGIC
 
     def _flaw(self, text: str, *, damaged: bool = True) -> None:

@@ -18,7 +18,6 @@ The plant is the master of time: the instants of a run are the stamps of what it
 completed to a regular grid where all of its messages of an instant are missing.
 """
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -234,9 +233,10 @@ def _resets(stamps: Integers) -> list[int]:
 
 def _jumps(stamps: Integers) -> Iterator[int]:
     """Yield the index of the first message after each backward jump, in one pass."""
-    if (stamps[1:] >= stamps[:-1]).all():
+    if not (k := _first_jump(stamps)):
         return
-    told, newest, late, k = stamps.tolist(), -math.inf, 0, 0
+    yield k
+    told, newest, late = stamps.tolist(), stamps[k], 0
     while k < len(told):
         late = late + 1 if told[k] < newest else 0
         newest = max(newest, told[k])
@@ -247,6 +247,16 @@ def _jumps(stamps: Integers) -> Iterator[int]:
         k += 1
 
 
+def _first_jump(stamps: Integers) -> int:
+    """Index of the first message after the first backward jump; 0 if there is none."""
+    newest = np.maximum.accumulate(stamps)
+    late = np.concatenate([[False], stamps[1:] < newest[:-1], [False]])
+    borders = np.flatnonzero(np.diff(late.astype(np.int8)))
+    first, last = borders[::2] + 1, borders[1::2] + 1
+    jumps = first[last - first > _LONGEST_DELAY]
+    return int(jumps[0]) if len(jumps) else 0
+
+
 def _without_leaps(topic: Topic, messages: Series, warnings: list[str]) -> Series:
     """Leave out a few messages whose stamps leap ahead, if those that follow go on as before.
 
@@ -254,7 +264,7 @@ def _without_leaps(topic: Topic, messages: Series, warnings: list[str]) -> Serie
     """
     kept, start = np.arange(len(messages.stamps)), 0
     for _ in range(_MOST_LEAPS):
-        jump = next(_jumps(messages.stamps[kept[start:]]), 0)
+        jump = _first_jump(messages.stamps[kept[start:]])
         if not jump:
             break
         start += jump
