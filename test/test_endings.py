@@ -97,11 +97,16 @@ def test_a_file_that_has_no_room_is_no_mistake_of_the_input(
     def fill(*_: object, **__: object) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
 
+    overlay(tmp_path / "stored.yaml", {RECORDER: {"storage": "sqlite3"}})
+    before = tmp_path / "before"
+    before.mkdir()
+    monkeypatch.chdir(before)
+    (before / "stored.yaml").symlink_to(tmp_path / "stored.yaml")
+    ask(*WORDS, *options.split())  # all kernels are compiled by then
     monkeypatch.setattr(simulate, "print_verdict", fill)
     # Else the compiled code of what is imported meanwhile would be cut short, too, and stay so.
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     monkeypatch.chdir(tmp_path)
-    overlay(tmp_path / "stored.yaml", {RECORDER: {"storage": "sqlite3"}})
     try:
         told = ask(*WORDS, *options.split(), code=3).err
     finally:

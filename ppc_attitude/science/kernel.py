@@ -104,7 +104,7 @@ class CacheFile(caching.IndexDataCacheFile):
             raise ConfigurationError(
                 f"compiled kernels have no place in {self._cache_path}: {error.strerror}; "
                 "set NUMBA_CACHE_DIR to a folder that has some"
-            ) from None
+            ) from error
 
 
 class _Unopened(caching.NullCache):
