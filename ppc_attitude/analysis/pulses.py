@@ -48,7 +48,10 @@ MOST_STEPS = 1000
 """A torque with more steps is a rough signal, in which a step has to stand out."""
 
 STANDS_OUT = 10.0
-"""A step of a rough signal counts from so many times their median on; noise reaches eight."""
+"""A step of a rough signal counts from so many times their median on; Gauss's reach eight."""
+
+SAME_ROUGH = 3.0
+"""Two torques of a rough signal are the same within so many times `SAME_TORQUE`."""
 
 
 _Found = tuple[int, int, tuple[float, float, float]]
@@ -106,9 +109,10 @@ def find_pulses(
     if not rows.all():
         t, torque = t[rows], torque[rows]
     drift = 0.0 if environment == 0.0 else DRIFT * np.maximum(np.diff(t) - interval, 0.0)
-    unit = actuator
+    unit, same = actuator, SAME_TORQUE
     at, heights = _steps(t, torque, (SMALLEST_STEP + drift) * unit)
     if at.size > MOST_STEPS:
+        same *= SAME_ROUGH
         unit = STANDS_OUT * float(np.median(np.abs(heights).max(axis=1))) / SMALLEST_STEP
         at, heights = _steps(t, torque, (SMALLEST_STEP + drift) * unit)
     if not 0 < at.size <= MOST_STEPS:
@@ -123,7 +127,7 @@ def find_pulses(
     times = [edges[0], *t[at].tolist(), edges[1]]
     return tuple(
         Pulse(times[start], round(times[stop] - times[start], 9), extra)
-        for start, stop, extra in sorted(_paired(rises, SAME_TORQUE * unit, SMALLEST_STEP * unit))
+        for start, stop, extra in sorted(_paired(rises, same * unit, SMALLEST_STEP * unit))
     )
 
 
