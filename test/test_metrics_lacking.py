@@ -239,11 +239,45 @@ def test_nobody_knows_what_is_not_on_record(start, end, key, met, told):
         ((82.0, 95.0), None, None, NOTHING(82, 95)),
         ((80.05, 85.0), 5.0, True, f"at most: {NOTHING(80.05, 85)}"),  # the hit may not be over
         ((85.0, 95.0), 3.41, True, ""),
+        ((78.0, 88.0), 8.0, True, f"at most: {NOTHING(78, 88)}"),
+        ((78.0, 95.0), None, None, NOTHING(78, 95)),
     ],
 )
 def test_nobody_knows_when_in_a_gap_the_craft_has_recovered(gap, value, met, told):
     row = requirement(Verdict(with_gap(hit_run(), *gap)), "recovery")
     assert (row.value, row.met, row.note) == (value, met, told)
+
+
+@pytest.mark.parametrize("gap", [(82, 101), (79, 101)])
+def test_nobody_knows_whether_the_craft_recovered_before_the_next_hit(gap):
+    row = requirement(Verdict(with_gap(hit_run(hits=(80.0, 100.0)), *gap)), "recovery")
+    assert (row.met, row.reason) == (None, NOTHING(*gap))
+
+
+def test_what_is_not_on_record_of_one_hit_hides_nothing_of_another():
+    run = hit_run(hits=(70.0, 95.0))
+    late = slice(9500, 11000)  # the second one recovers after 15 s
+    run = with_rows(run, "attitude", late, run["attitude"][9503])
+    assert requirement(Verdict(run), "recovery").met is False
+    for gap in ((72.0, 85.0), (72.0, 75.0)):
+        row = requirement(Verdict(with_gap(run, *gap)), "recovery")
+        assert (row.met, "at most" in row.note) == (False, False)
+
+
+def test_what_is_left_out_of_a_record_or_lacks_at_its_end_is_not_judged():
+    run = normal_run()
+    few = np.r_[0:200, 11000:12001]
+    for lacking in (part_of(run, few), with_gap(run, 101.0, 120.01)):
+        for key in ("terminal_error", "rate"):
+            if lacking.stamps_ns.size > 2000 or key == "rate":
+                assert requirement(Verdict(lacking), key).met is None, key
+
+
+def test_an_envelope_is_judged_by_the_laws_own_error():
+    run = with_rows(normal_run(), "reference_attitude", slice(5000, 9000), np.nan)
+    assert requirement(Verdict(run), "outside_attitude_envelope").met is True
+    run = with_rows(normal_run(), "attitude_error", slice(1000, 11000), np.nan)
+    assert requirement(Verdict(run), "outside_attitude_envelope").met is None
 
 
 def test_of_steps_that_vary_nobody_knows_what_is_missing():

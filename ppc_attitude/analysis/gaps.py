@@ -24,6 +24,7 @@ from ppc_attitude.contract.run_record import Array
 
 LONGEST = 10
 """Steps without a number after which nobody knows what the number was meanwhile."""
+_USUAL = 0.95  # of the steps are no longer than what is usual
 _SHARE = 0.1
 """Of what is judged, the share that may be absent."""
 
@@ -35,14 +36,20 @@ def known_span(t: Array, values: Array) -> Span | None:
 
 
 def absent_spans(t: Array, values: Array) -> tuple[Span, ...]:
-    """Between which instants [s] no value is finite for long, each of shape (n,)."""
+    """Between which instants [s] no value is finite for long, each of shape (n,).
+
+    What is before the first one is not absent: it has not begun.
+    """
+    longest = LONGEST * step(t)
     is_finite = np.isfinite(values)
-    if is_finite.all():
+    if t.size < 2 or (is_finite.all() and np.diff(t).max() <= longest):
         return ()
-    finite = np.flatnonzero(is_finite)
-    lasts = np.round(np.diff(t[finite]), 9)
-    long = np.flatnonzero((np.diff(finite) > 1) & (lasts > LONGEST * step(t)))
-    return tuple((float(t[finite[k]]), float(t[finite[k + 1]])) for k in long)
+    # Steps that vary are not long because of their median.
+    longest = max(longest, LONGEST * float(np.quantile(np.diff(t), _USUAL)))
+    told = t[is_finite]
+    told = np.append(told, t[-1]) if told.size else told
+    long = np.flatnonzero(np.round(np.diff(told) / longest, 6) > 1.0)
+    return tuple((float(told[k]), float(told[k + 1])) for k in long)
 
 
 def clipped(spans: Iterable[Span], within: Span) -> tuple[Span, ...]:

@@ -110,6 +110,8 @@ class Measured:
         size = self.size(required.settled)
         self.known_from, self.known_until = known_span(self.t, size) or self.whole
         self.absent = absent_spans(self.t, size)
+        # What is not on record and hides when the error settled: at first, and after a hit's start.
+        self.hidden: dict[float | None, Span] = {}
         self.lacks_attitude = self.lacks(truth.attitude, REFERENCE_ATTITUDE.column)
         self.lacks_rate = self.lacks(truth.angular_velocity)
         if self.lacks_rate:
@@ -193,16 +195,14 @@ class Measured:
         start, calm = (known_span(self.t, self.rate[:, 0]) or self.whole)[0], self.calm_span
         return (start, calm[1]) if start < calm[1] else calm, (start, self.end)
 
-    def unseen_after(self, last: float, until: float = 0.0) -> Span | None:
+    def unseen(self, last: float, until: float = 0.0) -> Span | None:
         """What is not on record from the last instant [s] of some error on, or before another.
 
         Nobody knows when in there the error has settled.
         """
-        return next((each for each in self.absent if last <= each[0] <= max(last, until)), None)
-
-    def unseen_before(self, instant: float) -> Span | None:
-        """What is not on record right before an instant [s]."""
-        return next((each for each in self.absent if each[1] == round(instant, 9)), None)
+        gaps = (each for each in self.absent if each[1] <= self.known_until)
+        found = (each for each in gaps if each[0] <= max(last, until) and each[1] > last)
+        return max(found, default=None)
 
     @property
     def shorter_than_window(self) -> bool:
@@ -277,7 +277,10 @@ class Measured:
         since = np.round(self.t - pulse.start_s, 9)  # in whole nanoseconds: 90 s − 80 s is 10 s
         above = after[error[after] >= limit]
         last = float(self.t[above[-1]]) if above.size else pulse.start_s
-        if unseen := self.unseen_after(last, pulse.start_s + pulse.duration_s):
+        if unseen := self.unseen(last, pulse.start_s + pulse.duration_s):
+            if unseen[1] > self.t[after[-1]]:
+                return None
+            self.hidden[pulse.start_s] = unseen
             return round(unseen[1] - pulse.start_s, 9)
         if above.size:
             return float(since[above[-1]])
@@ -302,8 +305,8 @@ class Measured:
         settling: float | None = None
         if unsettled.size:
             settling = float(self.t[unsettled[-1]])
-            if unseen := self.unseen_after(settling):
-                settling = unseen[1]
+            if unseen := self.unseen(settling):
+                settling, self.hidden[None] = unseen[1], unseen
         elif not self.known_from and np.isfinite(size[self.calm]).any():
             settling = 0.0
         norm, axis = np.sqrt(np.square(self.rate).T.sum(axis=0)), component_size(self.rate)

@@ -45,9 +45,10 @@ verdict says why. T is the settling deadline and R the time allowed for a recove
   limit that the requirements set, or within what the configured noise explains.
 - *Filter*: the share of knowledge errors outside the filter's own 3σ, the mean of its squared
   innovations, and the good fixes it refused (`filter_health`).
-- *What is not on record* for more than ten steps is left out of what it is part of. If it is more
-  than a tenth of that, nobody knows that a limit is met. Where it hides when the error settled, the
-  time is told at most, and not judged if it hides on which side of the limit.
+- *What is not on record* for more than ten steps is left out of errors, rate, envelopes and largest
+  numbers. If it is more than a tenth of a row's span, nobody knows that the limit is met. Where it
+  hides when the error settled, the time is told at most, and not judged if it hides on which side
+  of the limit.
 - *Messages missing or not finite*: those missing, those that carry a NaN, an infinity or a
   number beyond any craft's (1e30), and an attitude of zeros where it is desired or what the run is
   judged by. Such samples are skipped everywhere else. Of instants without a rhythm nobody knows
@@ -257,7 +258,7 @@ class Verdict(Measured):
                 why = why or f"the record of the error begins at {value:g} s, after the deadline"
         if not why and self.metrics.settled is False and (value or 0.0) < deadline:
             why = f"a sudden disturbance came when it was {note}"
-        if value is not None and (unseen := self.unseen_before(value)):
+        if value is not None and (unseen := self.hidden.get(None)):
             note = f"at most: {not_on_record(unseen)}"
             if unseen[0] < deadline <= value:  # nobody knows on which side of it
                 why = why or not_on_record(unseen)
@@ -306,7 +307,9 @@ class Verdict(Measured):
         """Judge the largest number of a column over the whole run, unless a reason is given."""
         unit = BY_COLUMN[column].unit if column in BY_COLUMN else ""
         value, why = self.largest_of(column), self.lacks(column) or why
-        return self.row(key, value, limit, "" if unit == "1" else unit, why)
+        rare = column in self.record.held or (column in BY_COLUMN and BY_COLUMN[column].late)
+        absent = () if rare or why else absent_spans(self.t, self.record[column][:, 0])
+        return self.row(key, value, limit, "" if unit == "1" else unit, why, absent=absent)
 
     def _inside(self, envelope: Envelope) -> Iterator[Requirement]:
         """Judge the time of the law's own error outside its envelope."""
@@ -318,7 +321,8 @@ class Verdict(Measured):
         without = tuple(each for each in self.untold if each[0] < span[1])
         if (span,) == without:
             why = why or f"the law was told no attitude from {span_text(span)} s"
-        absent = self.absent
+        own = absent_spans(self.t, self.record[envelope.error][:, 0])
+        absent = tuple(each for each in own if not any(clipped(self.untold, each)))
         yield self.row(key, time, 0.0, "s", why, span, without=without, note=note, absent=absent)
         limit = self.required.outside_after_hit
         if envelope.jumps and self.hits and limit is not None:
@@ -328,23 +332,32 @@ class Verdict(Measured):
     def _recovered(self, hits: list[Disturbance]) -> Requirement:
         """Judge the slowest recovery from the hits that are judged by it."""
         limit, span, note = self.required.recovery, (hits[0].start_s, self.end), ""
-        slowest, why, never = None, self.lacks_attitude, ""
+        slowest, why, never, unknown = None, self.lacks_attitude, "", ""
         for hit, following in zip(hits, [*hits[1:], None], strict=True):
             stop = min(following.start_s if following else np.inf, self.known_until)
             time = round(stop - hit.start_s, 9)
             # Before the end the error of a hit that has just come may still grow.
             cut = following is None and time < limit
-            if hit.recovery_time_s is not None and not cut:
-                slowest = max(hit.recovery_time_s, slowest or 0.0)
-                if unseen := self.unseen_before(hit.start_s + hit.recovery_time_s):
-                    note = f"at most: {not_on_record(unseen)}"
-                    if unseen[0] - hit.start_s <= limit < hit.recovery_time_s:
-                        why = why or not_on_record(unseen)
+            end, taken, hidden = hit.start_s + limit, hit.recovery_time_s, self.hidden
+            # The end of the time allowed may be hidden, as may be all up to the next hit.
+            gaps = [hidden[hit.start_s]] if hit.start_s in hidden else self.absent
+            unseen = next((each for each in gaps if each[0] < end <= min(each[1], stop)), None)
+            if taken is None and unseen and unseen[1] < stop:
+                unseen = None  # what follows shows that it has not recovered
+            if unseen and not cut and (taken is None or taken > limit):
+                unknown = not_on_record(unseen)
+            elif taken is not None and not cut:
+                if slowest is None or taken > slowest:
+                    at_most = hit.start_s in hidden
+                    note = f"at most: {not_on_record(hidden[hit.start_s])}" if at_most else ""
+                slowest = max(taken, slowest or 0.0)
             elif time > limit:
                 never = f"not recovered from the sudden disturbance at {hit.start_s:g} s"
             elif following is None and not never and (slowest or 0.0) <= limit:
                 after = f"after the sudden disturbance at {hit.start_s:g} s are over"
                 why = why or f"{self.ending}, before the {limit:g} s {after}"
+        if unknown and not never and (slowest or 0.0) <= limit:
+            why = why or unknown
         if never and not why:
             name = self.names["recovery"]
             return Requirement("recovery", name, None, limit, "s", False, span, reason=never)
