@@ -259,7 +259,7 @@ def test_what_is_not_on_record_of_one_hit_hides_nothing_of_another():
     late = slice(9500, 11000)  # the second one recovers after 15 s
     run = with_rows(run, "attitude", late, run["attitude"][9503])
     assert requirement(Verdict(run), "recovery").met is False
-    for gap in ((72.0, 85.0), (72.0, 75.0)):
+    for gap in ((72.0, 85.0), (72.0, 75.0), (100.0, 109.0)):
         row = requirement(Verdict(with_gap(run, *gap)), "recovery")
         assert (row.met, "at most" in row.note) == (False, False)
 

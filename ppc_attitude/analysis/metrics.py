@@ -338,18 +338,12 @@ class Verdict(Measured):
             time = round(stop - hit.start_s, 9)
             # Before the end the error of a hit that has just come may still grow.
             cut = following is None and time < limit
-            end, taken, hidden = hit.start_s + limit, hit.recovery_time_s, self.hidden
-            # The end of the time allowed may be hidden, as may be all up to the next hit.
-            gaps = [hidden[hit.start_s]] if hit.start_s in hidden else self.absent
-            unseen = next((each for each in gaps if each[0] < end <= min(each[1], stop)), None)
-            if taken is None and unseen and unseen[1] < stop:
-                unseen = None  # what follows shows that it has not recovered
-            if unseen and not cut and (taken is None or taken > limit):
-                unknown = not_on_record(unseen)
+            taken, unseen = hit.recovery_time_s, self.hidden.get(hit.start_s)
+            if hides := "" if cut else self._hides(hit, stop):
+                unknown = hides
             elif taken is not None and not cut:
                 if slowest is None or taken > slowest:
-                    at_most = hit.start_s in hidden
-                    note = f"at most: {not_on_record(hidden[hit.start_s])}" if at_most else ""
+                    note = f"at most: {not_on_record(unseen)}" if unseen else ""
                 slowest = max(taken, slowest or 0.0)
             elif time > limit:
                 never = f"not recovered from the sudden disturbance at {hit.start_s:g} s"
@@ -362,6 +356,18 @@ class Verdict(Measured):
             name = self.names["recovery"]
             return Requirement("recovery", name, None, limit, "s", False, span, reason=never)
         return self.row("recovery", slowest, limit, "s", why, span, note=note)
+
+    def _hides(self, hit: Disturbance, stop: float) -> str:
+        """Why nobody knows whether the craft recovered in time; empty if one does.
+
+        Without a time of recovery nothing up to the stop [s] may follow what is not on record.
+        """
+        end, unseen = hit.start_s + self.required.recovery, self.hidden.get(hit.start_s)
+        gaps = [each for each in self.absent if each[1] >= stop]
+        if hit.recovery_time_s is not None:
+            gaps = [unseen] if unseen else []
+        hiding = (each for each in gaps if each[0] < end < stop and end < each[1])
+        return "".join(map(not_on_record, hiding))
 
     def _reported(self) -> Iterator[Requirement]:
         """Compare the reported error with the one that we compute; q_e and −q_e are the same."""
