@@ -20,13 +20,9 @@ import numpy as np
 
 from ppc_attitude.analysis.series import step
 from ppc_attitude.analysis.verdict import Span, span_text
-from ppc_attitude.contract.run_record import Array
+from ppc_attitude.contract.run_record import LONGEST, USUAL, Array
 
-LONGEST = 10
-"""Steps without a number after which nobody knows what the number was meanwhile."""
-_USUAL = 0.95  # of the steps are no longer than what is usual
-_SHARE = 0.1
-"""Of what is judged, the share that may be absent."""
+_SHARE = 0.1  # of what is judged that may be absent
 
 
 def known_span(t: Array, values: Array) -> Span | None:
@@ -45,7 +41,7 @@ def absent_spans(t: Array, values: Array) -> tuple[Span, ...]:
     if t.size < 2 or (is_finite.all() and np.diff(t).max() <= longest):
         return ()
     # Steps that vary are not long because of their median.
-    longest = max(longest, LONGEST * float(np.quantile(np.diff(t), _USUAL)))
+    longest = max(longest, LONGEST * float(np.quantile(np.diff(t), USUAL)))
     told = t[is_finite]
     told = np.append(told, t[-1]) if told.size else told
     long = np.flatnonzero(np.round(np.diff(told) / longest, 6) > 1.0)

@@ -140,21 +140,6 @@ class Verdict(Measured):
         """From the first instant to the last [s]."""
         return round(self.end - self.begin, 9)
 
-    @property
-    def faults(self) -> tuple[str, ...]:
-        """Faults of the plant's hardware that acted, each in a few words."""
-        return tuple(map(str, faults_of(self.record)))
-
-    @property
-    def change_rows(self) -> Iterator[tuple[str, str, str]]:
-        """Of each change in flight the time [s], the node, and what it was."""
-        for change, before in self.record.told_changes:
-            old = "" if before is None else f"{before} → "
-            what = f"{change.name} {old}{change.value}"
-            if change.name == ENABLED and change.value and before is not False:
-                what = "begins anew"  # it was started again, or switched off and on between states
-            yield f"{(change.stamp_ns - zero_ns(self.record)) / 1e9:.9g}", change.node, what
-
     @cached_property
     def errors(self) -> tuple[ErrorSize, ...]:
         """Pointing, control and knowledge over the last part of the run."""
@@ -173,6 +158,21 @@ class Verdict(Measured):
                 most = rms = 0.0
             sizes.append(ErrorSize(name, meaning, most, rms, self.last_span))
         return tuple(sizes)
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Faults of the plant's hardware that acted, each in a few words."""
+        return tuple(map(str, faults_of(self.record)))
+
+    @property
+    def change_rows(self) -> Iterator[tuple[str, str, str]]:
+        """Of each change in flight the time [s], the node, and what it was."""
+        for change, before in self.record.told_changes:
+            old = "" if before is None else f"{before} → "
+            what = f"{change.name} {old}{change.value}"
+            if change.name == ENABLED and change.value and before is not False:
+                what = "begins anew"  # it was started again, or switched off and on between states
+            yield f"{(change.stamp_ns - zero_ns(self.record)) / 1e9:.9g}", change.node, what
 
     @property
     def changes(self) -> tuple[str, ...]:

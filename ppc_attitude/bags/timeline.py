@@ -18,14 +18,14 @@ The plant is the master of time: the instants of a run are the stamps of what it
 completed to a regular grid where all of its messages of an instant are missing.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.bags.source import Integers
-from ppc_attitude.contract.run_record import Array, is_steady
+from ppc_attitude.contract.run_record import LONGEST, USUAL, Array, is_steady
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     ATTITUDE,
@@ -50,10 +50,8 @@ _RAGGED_END = NANOSECONDS  # [ns]
 # More missing instants than this times the messages of a topic, on average, are not filled in with
 # NaN: a bag with messages of one topic only would take fifty times its size.
 _LARGEST_FILL = 10
-# The motion goes on whether or not it is told: of these a sample that is held says nothing after so
-# many of the longest steps, but for one in twenty, between two of them.
+# The motion goes on whether or not it is told: of these a sample that is held soon says nothing.
 _MOTION = (ANGULAR_VELOCITY, TRUE_ATTITUDE, TRUE_RATE)
-_LONGEST_HOLD, _USUAL = 10, 0.95
 
 
 @dataclass(frozen=True)
@@ -162,8 +160,8 @@ def _hold(series: dict[Topic, Series], master: Topic, warnings: list[str]) -> fr
         place = np.searchsorted(messages.stamps, stamps, side="right") - 1
         begun = place >= 0
         if topic in _MOTION and len(messages.stamps) >= _FEWEST:
-            usual = float(np.quantile(np.diff(messages.stamps), _USUAL))
-            begun &= stamps - messages.stamps[place] <= _LONGEST_HOLD * usual
+            usual = float(np.quantile(np.diff(messages.stamps), USUAL))
+            begun &= stamps - messages.stamps[place] <= LONGEST * usual
         place = place[begun]
         if place.size:
             oldest = seconds(int((stamps[begun] - messages.stamps[place]).max()))
@@ -227,24 +225,20 @@ def _keep_last_epoch(series: dict[Topic, Series], master: Topic, warnings: list[
 
 
 def _resets(stamps: Integers) -> list[int]:
-    """Index of the first message after each backward jump."""
-    return list(_jumps(stamps))
-
-
-def _jumps(stamps: Integers) -> Iterator[int]:
-    """Yield the index of the first message after each backward jump, in one pass."""
+    """Index of the first message after each backward jump, found in one pass."""
     if not (k := _first_jump(stamps)):
-        return
-    yield k
+        return []
+    found = [k]
     told, newest, late = stamps.tolist(), stamps[k], 0
     while k < len(told):
         late = late + 1 if told[k] < newest else 0
         newest = max(newest, told[k])
         if late > _LONGEST_DELAY:
             k -= _LONGEST_DELAY
-            yield k
+            found.append(k)
             newest, late = told[k], 0
         k += 1
+    return found
 
 
 def _first_jump(stamps: Integers) -> int:
@@ -340,8 +334,8 @@ def _with_breaks(stamps: Integers, warnings: list[str]) -> Integers:
         f"the steps between instants vary from {low:g} to {high:g} s, so nobody knows whether "
         "messages are missing"
     )
-    usual = int(np.quantile(steps, _USUAL))
-    breaks = stamps[:-1][steps > _LONGEST_HOLD * usual]
+    usual = int(np.quantile(steps, USUAL))
+    breaks = stamps[:-1][steps > LONGEST * usual]
     return np.sort(np.concatenate([stamps, breaks + usual]))
 
 

@@ -31,6 +31,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 STEADY = 0.2
 """A rhythm has gaps only if three in four of its steps are as near as this to its usual one [1]."""
+LONGEST, USUAL = 10, 0.95
+"""Nothing is known after so many steps without a sample; this share of the steps is no longer."""
 
 
 def is_steady(steps: NDArray[Any], period: float) -> bool:
