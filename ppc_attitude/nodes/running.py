@@ -155,9 +155,9 @@ def _spin(node: BaseNode, stop: list[int]) -> None:
             if now >= node.wake_at:
                 wait = node.await_recorder() if node.waits else node.wake()
                 node.wake_at = now + wait
-            # Not `spin_once`: a call for each message would cost 2 µs each.
-            patience = max(0.0, node.wake_at - time.monotonic())
-            executor.spin_until_future_complete(node.new_turn(), patience)
+            # To spin until a future is done would save 2 µs a message, but with the events executor
+            # each such call loses 32 bytes for good: 2.7 GB a day at 1 kHz.
+            executor.spin_once(timeout_sec=max(0.0, node.wake_at - time.monotonic()))
         node.flush()
         node.drain(executor)
     finally:

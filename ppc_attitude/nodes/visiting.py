@@ -22,9 +22,9 @@ from functools import partial
 
 import rclpy
 import rclpy.utilities
+from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from rclpy.task import Future
 from rclpy.validate_namespace import validate_namespace
 
 from ppc_attitude.nodes.discovery import DOMAIN, check_discovery
@@ -68,9 +68,15 @@ def listening(node: Node) -> Iterator[Callable[[float], None]]:
     executor = new_executor()
     executor.add_node(node)
     try:
-        yield partial(executor.spin_until_future_complete, Future())  # which nothing completes
+        yield partial(_listen, executor)
     finally:
         executor.shutdown()  # or it keeps the node in the graph
+
+
+def _listen(executor: Executor, patience: float) -> None:
+    end = time.monotonic() + patience
+    while (left := end - time.monotonic()) > 0.0:
+        executor.spin_once(timeout_sec=left)
 
 
 def absolute_namespace(text: str) -> str:
