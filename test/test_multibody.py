@@ -288,6 +288,18 @@ def test_momentum_is_exchanged_and_never_made(seed: int) -> None:
         ({"wheels.max_torque": [1e-3]}, "more than its friction"),
         ({"wheels.transition_speed": [1e-3]}, "by a larger wheels.transition_speed, or rate"),
         ({"wheels.inertia": [5.0]}, "is less than that of its wheels"),
+        (  # 0.9 of the speed of wheels on a stand; three quarters of the craft turn back
+            {
+                "wheels.axes": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+                "wheels.inertia": [1.875],
+                "wheels.coulomb": [0.0],
+                "wheels.static": [0.0],
+                "wheels.viscous": [168.75],
+                "wheels.max_torque": [1e6],
+                "inertia": [2.5, 0.0, 0.0, 0.0, 2.5, 0.0, 0.0, 0.0, 2.5],
+            },
+            "friction takes 3.6 times the speed of such wheels on a craft of inertia",
+        ),
         ({"flexible.frequency": [0.5]}, "as many of each"),
         (
             {

@@ -40,7 +40,7 @@ from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.estimators.steady_state import FLOOR, Sigmas, error_sigmas, noise_floors
 from ppc_attitude.science.guidance.orders import GOAL_TIMES
 from ppc_attitude.science.guidance.profile import duration, profile
-from ppc_attitude.science.inertia import inertia_error, inertia_matrix, principal_moments
+from ppc_attitude.science.inertia import inertia_error, inertia_matrix
 from ppc_attitude.science.kernel import Quaternion
 from ppc_attitude.science.kinds import ACTUATORS, ESTIMATORS, REFERENCES, SENSORS
 from ppc_attitude.science.multibody import COUPLING, multibody_record
@@ -48,7 +48,7 @@ from ppc_attitude.science.performance import R_LIMIT
 from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.science.references import goal
 from ppc_attitude.science.sensors import direct
-from ppc_attitude.science.stamps import NANOSECONDS
+from ppc_attitude.science.stamps import first_step, seconds
 from ppc_attitude.science.thrusters import PERIOD
 from ppc_attitude.science.wheels import AXES, WHEELS, wheel_record
 from ppc_attitude.simulation.scenario import Scenario
@@ -227,18 +227,20 @@ def _of_envelopes(scenario: Scenario, task: Task) -> Iterator[Condition]:
             yield Condition(end, law[end], FLOOR * sigma, "≥", unit, False, meaning)
         actuator = ACTUATORS.selected(plant)
         if prefix == RATE_ENVELOPE.name and actuator and actuator.least_impulse:
-            least = principal_moments(law[INERTIA.name])[0]
-            change = float(actuator.least_impulse(plant) / least) * task.first_answer
-            meaning = f"{_PULSES:g} times the rate that the actuator's least pulse makes, before "
-            meaning += "modes follow: below it, single pulses leave the envelope"
+            inertia = inertia_matrix(INERTIA.name, law[INERTIA.name])
+            changes = np.linalg.solve(inertia, actuator.least_impulse(plant).T)  # [rad/s] body
+            change = float(np.abs(changes).max(initial=0.0)) * task.first_answer
+            meaning = f"{_PULSES:g} times the rate that the coarsest of the least pulses makes, "
+            meaning += "before modes follow: below it, single pulses leave the envelope"
             name = f"least pulse in {symbol}"
             yield Condition(name, law[end], _PULSES * change, "≥", unit, False, meaning)
 
 
 def _of_actuator(scenario: Scenario, environment: float, task: Task) -> Iterator[Condition]:
     """Compare what the actuator gives with the environment [N·m], and with the law's limit."""
-    meaning = "the actuator is stronger than the configured environment's torque"
-    yield Condition("torque authority", task.torque, environment, ">", "N·m", True, meaning)
+    meaning = "the actuator, while nothing of it fails, is stronger on every axis than the largest "
+    meaning += "torque that the environment may have in any direction"
+    yield Condition("torque authority", task.torque, environment, ">", "N·m", False, meaning)
     actuator = ACTUATORS.selected(scenario.parameters[PLANT])
     if actuator is not None and actuator.torque is not None:
         yield advisable(
@@ -246,8 +248,8 @@ def _of_actuator(scenario: Scenario, environment: float, task: Task) -> Iterator
             scenario.number(CONTROLLER, MAX_TORQUE.name),
             task.actuator_torque,
             "N·m",
-            "the actuator gives what the law may ask for, on all axes at once; friction and "
-            "gyroscopic torque of wheels take a little of it",
+            "the actuator, while nothing of it fails, gives what the law may ask for, on all axes "
+            "at once; friction and gyroscopic torque of wheels take a little of it",
         )
 
 
@@ -262,11 +264,13 @@ def _of_knowledge(scenario: Scenario, task: Task) -> Iterator[Condition]:
 
 def _of_pulses(scenario: Scenario, required: Requirements, task: Task) -> Iterator[Condition]:
     """How long the actuator needs at best to take back what each scheduled pulse gives."""
+    rate = scenario.number(PLANT, "rate")
     for hit in scheduled_pulses(scenario.parameters[INJECTOR]):
-        start, end = (int(hit[each]) / NANOSECONDS for each in ("start_ns", "end_ns"))
+        start_ns, end_ns = int(hit["start_ns"]), int(hit["end_ns"])
+        acts = (first_step(end_ns, rate) - first_step(start_ns, rate)) / rate
         yield advisable(
-            f"pulse at {start:g} s",
-            float(np.abs(hit["torque"]).max()) * (end - start) / task.torque,
+            f"pulse at {seconds(start_ns):g} s",
+            float(np.abs(hit["torque"]).max()) * acts / task.torque,
             required.recovery,
             "s",
             "time in which the actuator alone takes back the pulse's momentum, against the "

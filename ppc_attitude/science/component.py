@@ -30,6 +30,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ppc_attitude.science.conditions import Condition, Task
 from ppc_attitude.science.hooks import HOOKS, Advice, named
@@ -214,8 +215,8 @@ class Component:
         From parameter values to its parts that can fail, by name, each with a tuple of `Failure`;
         if it has any it has the parameter `faults`.
     least_impulse : callable, optional
-        Of actuators that act in pulses: from parameter values to the angular impulse about an
-        axis [N·m·s] of the least one.
+        Of actuators that act in pulses: from parameter values to the angular impulse [N·m·s] of the
+        least one of each part, body, shape (n, 3).
     bound : callable, optional
         Of environments: from parameter values to the bound of the torque's norm [N·m].
     motion_bounds : callable, optional
@@ -241,7 +242,7 @@ class Component:
     limits: tuple[str, ...] = ()
     torque: Callable[[Mapping[str, Any]], tuple[float, float]] | None = None
     faults: Callable[[Mapping[str, Any]], Mapping[str, tuple[Any, ...]]] = lambda _: {}
-    least_impulse: Callable[[Mapping[str, Any]], float] | None = None
+    least_impulse: Callable[[Mapping[str, Any]], NDArray[np.float64]] | None = None
     bound: Callable[[Mapping[str, Any]], float] | None = None
     motion_bounds: Callable[[Mapping[str, Any], float], tuple[float, float, float]] | None = None
     conditions: Callable[[Mapping[str, Any], Task], Iterable[Condition]] = lambda *_: ()

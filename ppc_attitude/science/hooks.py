@@ -24,6 +24,9 @@ from functools import wraps
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ppc_attitude.science.conditions import Condition
 from ppc_attitude.science.errors import ConfigurationError
 
@@ -80,6 +83,13 @@ def _sizes(given: Any) -> tuple[float, float]:
     return certain, most
 
 
+def _impulses(given: Any) -> NDArray[np.float64]:
+    impulses = np.asarray(given, np.float64)
+    if impulses.ndim != 2 or impulses.shape[1] != 3 or not np.isfinite(impulses).all():
+        raise ValueError(f"{given!r}; allowed: finite numbers, three for each part")
+    return impulses
+
+
 def _bounds_of_motion(given: Any) -> tuple[float, float, float]:
     rate, acceleration, jerk = map(_size, given)
     return rate, acceleration, jerk
@@ -99,7 +109,7 @@ HOOKS: dict[str, Callable[[Any], Any]] = {
     "exact": bool,
     "torque": _sizes,
     "faults": _parts,
-    "least_impulse": _size,
+    "least_impulse": _impulses,
     "bound": _size,
     "motion_bounds": _bounds_of_motion,
     "conditions": _conditions,

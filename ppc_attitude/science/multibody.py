@@ -112,8 +112,8 @@ def multibody_record(values: Mapping[str, Any], wheels: Any) -> Any:
     Raises
     ------
     ConfigurationError
-        Lists of different lengths, wheels or modes with more inertia than the craft, or a mode too
-        fast for the steps, or damped too fast.
+        Lists of different lengths, wheels or modes with more inertia than the craft, a mode too
+        fast for the steps, or damped too fast, or friction that the steps cannot follow.
     """
     body, modes = rigid_body.configure(values), _modes(values)
     record = filled(CONFIGURATION, values, body=body, wheels=wheels, modes=modes)
@@ -126,8 +126,32 @@ def multibody_record(values: Mapping[str, Any], wheels: Any) -> Any:
             f"{spin.tolist()}, and modes, {(inertia - spin - rest).tolist()}"
         )
     record["body"]["inertia_inverse"] = np.linalg.inv(rest)
+    _see_that_steps_follow(record)
     record["modes"]["fastest"] = _fastest(values, modes, inertia - spin)
     return record
+
+
+def _see_that_steps_follow(craft: Any) -> None:
+    """Refuse friction that takes more than all speed of the wheels within a step.
+
+    Wheels that hold much of the craft's inertia turn the craft back, which shares the speed between
+    them: it falls the faster.
+    """
+    wheels = craft["wheels"]
+    axes, inertia, static, over, viscous = (
+        wheels[name][: wheels["count"]]
+        for name in ("axes", "inertia", "static", "transition_speed", "viscous")
+    )
+    answer = np.diag(1.0 / inertia) + axes @ craft["body"]["inertia_inverse"] @ axes.T
+    rates = np.linalg.eigvals((static / over + viscous)[:, None] * answer).real  # [1/s]
+    decay = float(wheels["h"] * max(rates, default=0.0))
+    if decay > 1.0:
+        raise ConfigurationError(
+            f"wheels.inertia = {inertia.tolist()} kg·m²: in a step of {wheels['h']:g} s friction "
+            f"takes {decay:.6g} times the speed of such wheels on a craft of inertia = "
+            f"{craft['body']['inertia'].tolist()} kg·m²; allowed: at most 1, by less friction, a "
+            "larger wheels.transition_speed, or rate"
+        )
 
 
 def _modes(values: Mapping[str, Any]) -> Any:

@@ -49,6 +49,12 @@ def step_of(stamp_ns: int, rate: float) -> int:
     return int(stamp_ns * rate / NANOSECONDS + 0.5)
 
 
+def first_step(stamp_ns: int, rate: float) -> int:
+    """First step whose stamp is not before an instant [ns]."""
+    nearest = step_of(stamp_ns, rate)
+    return nearest + (stamp_of(nearest, rate) < stamp_ns)
+
+
 def whole_steps(name: str, period: float, rate: float) -> int:
     """Steps of a parameter's period [s] in a loop that runs at `rate` [Hz].
 

@@ -24,6 +24,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ppc_attitude.science import thrusters
 from ppc_attitude.science.compiled_stamps import step_of
@@ -128,10 +129,9 @@ def torques(values: Mapping[str, Any]) -> tuple[float, float]:
     return thrusters.certain_torque(craft), thrusters.largest_torque(craft)
 
 
-def least_impulse(values: Mapping[str, Any]) -> float:
-    """Angular impulse about an axis [N·m·s] of the least pulse of the weakest thruster."""
-    turns = np.abs(thrusters.torques_of(values)[0]).max(axis=1)
-    return float(turns[turns > 0.0].min() * values[thrusters.MIN_ON_TIME.name])
+def least_impulse(values: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Angular impulse [N·m·s] of the least pulse of each thruster, body, shape (n, 3)."""
+    return np.asarray(thrusters.torques_of(values)[0] * values[thrusters.MIN_ON_TIME.name])
 
 
 COMPONENT = Component(
