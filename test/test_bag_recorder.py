@@ -47,7 +47,7 @@ from ppc_attitude.contract.topics import (
     REFERENCE_ATTITUDE,
 )
 from ppc_attitude.nodes.bag_recorder import BagRecorder
-from ppc_attitude.nodes.messages import message_class, take_gathered
+from ppc_attitude.nodes.messages import message_class, publisher_of, take_gathered
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
 from ppc_attitude.processes.exits import BROKEN, DONE
 from ppc_attitude.science.stamps import stamp_of
@@ -139,7 +139,8 @@ def test_a_node_that_is_started_again_is_asked_again(
 ) -> None:
     """What it has else than before is a change; before the run its latest start counts.
 
-    It begins anew, which is told as that it is enabled: a controller may have been disabled.
+    It begins anew, which is told as that it is enabled: a controller may have been disabled. That
+    is so from the first that it sends on, whenever it answers.
     """
     bag, asked, said = tmp_path / "bag", 0, ""
     with recorder_into(bag) as beside:
@@ -151,9 +152,13 @@ def test_a_node_that_is_started_again_is_asked_again(
             return said.count(f"/{REFERENCE} are on record") == asked
 
         for k in (1.0, 2.0, 3.0, 3.0):
-            if k == 3.0:  # the run has begun
-                beside.send(ATTITUDE, stamp_of(asked, 100.0), UNIT)
             node = rclpy.create_node(REFERENCE)
+            if k == 3.0:  # the run has begun
+                sent = publisher_of(node, REFERENCE_ATTITUDE)
+                beside.until(sent.get_subscription_count)
+                for step in (10 * asked, 10 * asked + 1):
+                    beside.send(ATTITUDE, stamp_of(step, 100.0), UNIT)
+                    sent.publish(Codec(REFERENCE_ATTITUDE).encode(stamp_of(step, 100.0), UNIT))
             own = ("key", [b"\x01", b"\xff"])  # JSON knows no bytes
             node.declare_parameters("", [("k", k), own])
             beside.executor.add_node(node)
@@ -161,13 +166,42 @@ def test_a_node_that_is_started_again_is_asked_again(
             beside.until(has_answered)
             beside.executor.remove_node(node)
             node.destroy_node()
-        beside.send(ATTITUDE, stamp_of(asked, 100.0), UNIT)
     record = read_run(bag)
     theirs = record.parameters[REFERENCE]
     assert (theirs["k"], theirs["key"]) == (2.0, [1, 255])
     told = {(change.stamp_ns, change.name, change.value) for change in record.changes}
-    begun = {(stamp_of(step, 100.0), "enabled", True) for step in (2, 3)}
-    assert told == {(stamp_of(2, 100.0), "k", 3.0), *begun}
+    begun = {(stamp_of(step, 100.0), "enabled", True) for step in (20, 30)}
+    assert told == {(stamp_of(20, 100.0), "k", 3.0), *begun}
+
+
+def test_a_plant_that_is_started_again_has_its_own_parameters_from_the_first_state_on(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """With it time begins again, at another rate, before it has told its parameters."""
+    bag, said = tmp_path / "bag", ""
+    with recorder_into(bag) as beside:
+
+        def has_answered() -> bool:
+            nonlocal said
+            beside.node.wake()
+            said += capfd.readouterr().err
+            return said.count(f"/{PLANT} are on record") == (1 if rate == 100.0 else 2)
+
+        for rate in (100.0, 50.0):
+            node = rclpy.create_node(PLANT)
+            node.declare_parameters("", [("rate", rate), ("duration", 149.0 / rate)])
+            states = publisher_of(node, ATTITUDE)
+            beside.until(states.get_subscription_count)
+            for step in range(150):
+                states.publish(Codec(ATTITUDE).encode(stamp_of(step, rate), UNIT))
+            beside.executor.add_node(node)
+            beside.until(has_answered)
+            beside.executor.remove_node(node)
+            node.destroy_node()
+    record = read_run(bag)
+    assert (record.parameters[PLANT]["rate"], record.changes) == (50.0, ())
+    assert record.stamps_ns.tolist() == [stamp_of(step, 50.0) for step in range(150)]
+    assert not any("duration" in warning for warning in record.warnings)
 
 
 def test_a_recorder_that_was_told_the_law_knows_which_of_its_columns_never_came(

@@ -158,11 +158,15 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
         raise BagError(f"{bag.path} {lacks}; messages read: {read}{_flaws(bag)}")
     recovered = bag.custom_data.get(RECOVERED_KEY)
     cut = [*bag.flaws, f"{recovered} (since recovered)"] if recovered else bag.flaws
-    plant = facts.parameters.get(PLANT, {})
-    rate, duration = plant.get("rate"), plant.get("duration")
-    end_ns = stamp_of(round(duration * rate), rate) if rate and duration else None
-    timeline = align(series, rate, cut=bool(cut), end_ns=end_ns)
-    parameters, in_flight = _of_last_epoch(facts.parameters, changes, timeline)
+    parameters = facts.parameters
+    again = any((each.node, each.name) == (PLANT, ENABLED) for _, each in changes)
+    # A plant that was started again may have another rate; what is aligned is given away.
+    for messages in (dict(series), series) if again else (series,):
+        plant = parameters.get(PLANT, {})
+        rate, duration = plant.get("rate"), plant.get("duration")
+        end_ns = stamp_of(round(duration * rate), rate) if rate and duration else None
+        timeline = align(messages, rate, cut=bool(cut), end_ns=end_ns)
+        parameters, in_flight = _of_last_epoch(facts.parameters, changes, timeline)
     in_flight.sort(key=attrgetter("stamp_ns"))
     announced = (topic.name for topic in lacking if f"{home}/{topic.name}" in bag.topics)
     empty = dict.fromkeys(announced, len(timeline.stamps))

@@ -79,6 +79,7 @@ _CALM = 0.05  # [s] of silence after which the executor waits for the next messa
 _LISTEN = 0.05  # [s] between two looks at the topics that were silent
 _LONGEST = 0.1  # [s] after which a recorder in full flow looks for signals and services
 _CALLS = 5  # of the executor in full flow, each time: clock, timer, services and answers
+_ANSWERS = 5.0  # [s] after its first message a node that was started again has told its parameters
 _LOOK_EARLY, _LOOK = 0.1, 0.25  # [s] between two looks at the graph: before a run, and during it
 
 
@@ -124,6 +125,7 @@ class BagRecorder(BaseNode):
         self._incompatible: set[str] = set()
         self._recordings: dict[str, Recording] = {}  # by the namespace that is the run's home
         self._progress: dict[str, Any] = {}
+        self._restarted: dict[tuple[str, str], tuple[float, dict[str, Any]]] = {}
         for namespace in self.parameters["namespaces"]:
             full = self.resolve_topic_name(_states_in(namespace), only_expand=True)
             self._follow(full.removesuffix(f"/{ATTITUDE.name}"))
@@ -156,23 +158,29 @@ class BagRecorder(BaseNode):
             self._record_topic(home, topic)
 
     def _learn(self, home: str, node: str, values: dict[str, Any]) -> None:
-        """Write down the parameters that another node has told.
+        """Write down the parameters that another node has told."""
+        full, parameters = f"{home}/{node}", self._run_info.setdefault("parameters", {})
+        if full in parameters and self._recordings[home].now >= 0:
+            self._restarted[home, node] = self._now - _ANSWERS, values
+            return
+        parameters[full] = values
+        for key, value in self._custom_data().items():
+            self._writer.set_custom_data(key, value)
+        self.get_logger().info(f"the parameters of {full} are on record")
 
-        Those of one that is started again amid the run are changes: the run began with others.
-        """
-        full, recording = f"{home}/{node}", self._recordings[home]
-        parameters = self._run_info.setdefault("parameters", {})
-        since = ""
-        if full in parameters and recording.now >= 0:
-            told = {**values, ENABLED: True}  # as it begins
-            data = serialize_message(changed(recording.now, node, told))
-            recording.event(CHANGES_TOPIC.name, recording.now, data)
-            since = f" from t = {seconds(recording.now):.6f} s on: it was started again"
-        else:
-            parameters[full] = values
-            for key, value in self._custom_data().items():
-                self._writer.set_custom_data(key, value)
-        self.get_logger().info(f"the parameters of {full} are on record{since}")
+    def _tell_restarted(self) -> None:
+        """Write down as changes with what nodes began anew, from the first that they send on."""
+        for (home, node), (since, values) in tuple(self._restarted.items()):
+            recording, ears = self._recordings[home], self._ears.values()
+            topics = [each for where, each, _ in ears if (where, each.source) == (home, node)]
+            names = [topic.name for topic in topics if topic.column]
+            begun = recording.began(names, since) if names else recording.now
+            if begun is not None:
+                del self._restarted[home, node]
+                data = serialize_message(changed(begun, node, {**values, ENABLED: True}))
+                recording.event(CHANGES_TOPIC.name, begun, data)
+                text = f"from t = {seconds(begun):.6f} s on: it was started again"
+                self.get_logger().info(f"the parameters of {home}/{node} are on record {text}")
 
     def _is_waited_for(self, home: str) -> bool:
         """True if a plant sends no further state while this recorder is behind."""
@@ -255,8 +263,8 @@ class BagRecorder(BaseNode):
             return
         self._looked = self._now
         for home, topic in self._graph.look():
-            if self._can_be_written(topic):
-                self._record_topic(home, topic)
+            self._record_topic(home, topic)
+        self._tell_restarted()
         for full, (home, topic, _) in self._ears.items():
             if topic.column and self.count_publishers(full) > 1:
                 self._recordings[home].see(topic.name, publishing_nodes(self, full), self._now)
@@ -265,16 +273,6 @@ class BagRecorder(BaseNode):
             self.say_waiting(self._born, partial(str, lacking and f"waiting for {lacking}"))
         while runs and self._incompatible:
             self._take_less(self._incompatible.pop())
-
-    def _can_be_written(self, topic: Topic) -> bool:
-        reason = "" if BagWriter.knows(topic.msgtype) else f"{topic.msgtype} is not in Jazzy"
-        try:
-            message_class(topic.msgtype)
-        except (ImportError, AttributeError) as error:
-            reason = str(error)
-        if reason:
-            self.complain(topic.name, f"{topic.name} is not recorded: {reason}")
-        return not reason
 
     def _take_less(self, name: str) -> None:
         """Read a topic at best effort if no publisher can do better, as a user's own may."""

@@ -27,6 +27,7 @@ from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
 
+from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.parameters import is_of_ros
 from ppc_attitude.contract.topics import (
     EVENTS,
@@ -39,6 +40,8 @@ from ppc_attitude.contract.topics import (
     STANDARD,
     Topic,
 )
+from ppc_attitude.nodes.base import BaseNode
+from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.parameters import with_lists
 from ppc_attitude.science.parameter import unquoted
 
@@ -48,7 +51,7 @@ _NAMES = {topic.name for topic in STANDARD}
 
 
 class RunGraph:
-    """Topics of the nodes of some runs.
+    """Topics of the nodes of some runs, as far as they can be recorded.
 
     A node is of a run if it has the name of one of ours, or publishes on a topic of the contract,
     one that the starter has told, or one that such a node reads, in the namespace of the run. The
@@ -57,7 +60,7 @@ class RunGraph:
 
     Parameters
     ----------
-    node : Node
+    node : BaseNode
         Who looks.
     told : mapping of str to mapping of str to list of str
         For the namespace of each run, as ``/proposed`` or empty for that without a name: its nodes,
@@ -73,7 +76,7 @@ class RunGraph:
         Of those that the starter has told, the ones of all nodes but the plant.
     """
 
-    def __init__(self, node: Node, told: Mapping[str, Mapping[str, list[str]]]) -> None:
+    def __init__(self, node: BaseNode, told: Mapping[str, Mapping[str, list[str]]]) -> None:
         self._node = node
         self._known = {home: set(OF_A_RUN) | nodes.keys() for home, nodes in told.items()}
         self.nodes: set[tuple[str, str]] = set()
@@ -105,7 +108,18 @@ class RunGraph:
                     if short in _NAMES:
                         self.promised[home].add(short)
                     column = short if short in self.promised[home] else ""
-                    yield home, Topic(short, msgtype, source=name, column=column)
+                    if self._can_be_written(short, msgtype):
+                        yield home, Topic(short, msgtype, source=name, column=column)
+
+    def _can_be_written(self, name: str, msgtype: str) -> bool:
+        reason = "" if BagWriter.knows(msgtype) else f"{msgtype} is not in Jazzy"
+        try:
+            message_class(msgtype)
+        except (ImportError, AttributeError) as error:
+            reason = str(error)
+        if reason:
+            self._node.complain(name, f"{name} is not recorded: {reason}")
+        return not reason
 
     def _topics(
         self, ask: Callable[..., Any], home: str, name: str, namespace: str

@@ -52,6 +52,8 @@ class Publishers:
     """
 
     def __init__(self) -> None:
+        self.newest: tuple[float, int] | None = None
+        """When the one that came last first spoke, by the wall clock [s], and its stamp [ns]."""
         self._known: list[_Publisher] = []  # the one that spoke last first
         self._proof = 0
         self._proved_at = self._last_proof = 0.0
@@ -101,6 +103,7 @@ class Publishers:
         # A message was lost: its publisher is the one that spoke last, unless that had got further.
         if not known or number <= known[0].number:
             known.insert(0, _Publisher(number, stamp_ns, now))
+            self.newest = now, stamp_ns
             del known[_MOST:]
         return False
 

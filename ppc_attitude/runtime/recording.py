@@ -303,6 +303,11 @@ class Recording:
             stretch.before, stretch.last = stretch.last, (stamp_ns, data)
         self._write(name, stamp_ns, data)
 
+    def began(self, names: Iterable[str], since: float) -> int | None:
+        """Stamp [ns] of what a node first sent on topics, if it began to send since a time [s]."""
+        newest = (self._lanes[name].publishers.newest for name in names)
+        return min((begun[1] for begun in newest if begun and begun[0] >= since), default=None)
+
     def end(self) -> None:
         """Leave out what comes of later instants than the newest state."""
         self._end = self.now
