@@ -99,7 +99,7 @@ def test_a_healthy_bag_is_refused_and_untouched(tmp_path: Path, storage: str) ->
     bag = tmp_path / "bag"
     write_run(RUN, bag, storage=storage)
     before = {file.name: file.read_bytes() for file in bag.iterdir()}
-    with pytest.raises(BagError, match=r"bag is complete, there is nothing to recover"):
+    with pytest.raises(BagError, match=r"bag was closed by its recorder, there is nothing"):
         recover(bag)
     assert {file.name: file.read_bytes() for file in bag.iterdir()} == before
 

@@ -15,24 +15,35 @@
 """`ppc_attitude watch` shows what a stack says, and says so when there is none."""
 
 import io
+from collections.abc import Callable
 
 import pytest
+from process_helpers import until
 from rich.console import Console
 
 from ppc_attitude.command_line.main import main
 from ppc_attitude.command_line.watch_view import view
-from ppc_attitude.contract.cdr import Sample
+from ppc_attitude.contract.cdr import Codec, Sample
 from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, ATTITUDE_ERROR, BOUNDS, BY_COLUMN
-from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, DISTURBANCE
-from ppc_attitude.nodes.onlooker import Snapshot
-from ppc_attitude.nodes.visiting import no_state
+from ppc_attitude.contract.topics import (
+    APPLIED_TORQUE,
+    ATTITUDE,
+    DIAGNOSTICS_TOPIC,
+    DISTURBANCE,
+    TORQUE_COMMAND,
+    Topic,
+)
+from ppc_attitude.nodes.messages import diagnostics, publisher_of
+from ppc_attitude.nodes.onlooker import Onlooker, Snapshot
+from ppc_attitude.nodes.visiting import listening, no_state, visiting
 from ppc_attitude.processes.exits import BROKEN
-from ppc_attitude.runtime.health import WARN, Status
+from ppc_attitude.runtime.health import OK, STALE, WARN, Status
+from ppc_attitude.science.stamps import NANOSECONDS
 
 
-def lines(snapshot: Snapshot, silent: float = 0.0) -> list[str]:
+def lines(snapshot: Snapshot, silent: float = 0.0, brief: bool = False) -> list[str]:
     stream = io.StringIO()
-    Console(file=stream, width=80).print(view(snapshot, silent))
+    Console(file=stream, width=80).print(view(snapshot, silent, brief))
     return stream.getvalue().splitlines()
 
 
@@ -102,6 +113,57 @@ def test_health_is_told_with_its_level() -> None:
     assert "WARN outside: attitude" in row
     assert "steps 3" in row
     assert "time" not in row
+
+
+def test_who_is_not_well_comes_first_and_a_small_terminal_gets_less_of_the_others() -> None:
+    calm = {"/an_estimator": Status(OK, "running", {"steps": "3"})}
+    snapshot = Snapshot(health={**calm, **SNAPSHOT.health})
+    for brief in (False, True):
+        shown = lines(snapshot, brief=brief)
+        ill, well = line_with("/ppc_controller", shown), line_with("/an_estimator", shown)
+        assert shown.index(ill) < shown.index(well)
+        assert "steps 3" in ill
+        assert ("steps 3" in well) != brief
+
+
+def test_what_does_not_come_any_more_while_states_do_is_none_of_the_present() -> None:
+    """A killed law was healthy, and its last torque the present one, as long as one looked."""
+    now, names = 0.0, ("/law", "/slow")
+    with visiting("onlooker", "") as node, listening(node) as listen:
+        onlooker = Onlooker(node, listen)
+        onlooker.now = lambda: now  # type: ignore[method-assign]
+        senders = {topic: publisher_of(node, topic) for topic in (ATTITUDE, TORQUE_COMMAND)}
+        health = publisher_of(node, DIAGNOSTICS_TOPIC)
+
+        def send(second: int, *topics: Topic) -> None:
+            for topic in topics:
+                values = (0.0, 0.0, 0.0, 1.0)[: topic.width]
+                senders[topic].publish(Codec(topic).encode(second * NANOSECONDS, values))
+
+        def seen(condition: Callable[[Snapshot], object]) -> Snapshot:
+            found: Snapshot = until(
+                lambda: snapshot if condition(snapshot := onlooker.look(0.01)) else None, "all"
+            )
+            return found
+
+        send(0, *senders)
+        for name in names:
+            health.publish(diagnostics(0, name, "status", Status(OK, "running", {})))
+        seen(lambda snapshot: len(snapshot.health) + len(snapshot.samples) == 4)
+        for second, silent in ((3, False), (4, True)):
+            now, text = float(second), f"waits at {second} s"
+            send(second, ATTITUDE)
+            # Who waits reports by the wall clock, and its time stands still.
+            health.publish(diagnostics(0, names[1], "status", Status(STALE, text, {})))
+            snapshot = seen(
+                lambda snapshot, text=text, at=second * NANOSECONDS: (
+                    snapshot.health[names[1]].summary == text
+                    and snapshot.samples[ATTITUDE.name].stamp_ns == at
+                )
+            )
+            assert (TORQUE_COMMAND.name in snapshot.samples) != silent
+            expected = Status(STALE, "silent for 4 s", {}) if silent else Status(OK, "running", {})
+            assert snapshot.health[names[0]] == expected
 
 
 def test_nothing_yet() -> None:

@@ -90,7 +90,7 @@ def _cut(folder: Path) -> Bag:
     for _ in bag.blocks():
         pass
     if not bag.flaws:
-        raise BagError(f"{folder} is complete, there is nothing to recover")
+        raise BagError(f"{folder} was closed by its recorder, there is nothing to recover")
     if not bag.counts.total():
         raise BagError(f"{folder} holds no messages, there is nothing to recover")
     return bag

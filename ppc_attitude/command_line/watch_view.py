@@ -33,6 +33,7 @@ from ppc_attitude.contract.topics import (
     Topic,
 )
 from ppc_attitude.nodes.onlooker import BOUNDED, Snapshot
+from ppc_attitude.runtime.health import OK
 from ppc_attitude.science.attitude import rotation_angle
 from ppc_attitude.science.stamps import seconds
 
@@ -46,11 +47,14 @@ _SHARE = "|error| / envelope"
 _ELSEWHERE = ("time [s]",)  # a detail that the title shows
 
 
-def view(snapshot: Snapshot, silent: float) -> RenderableType:
-    """Draw a snapshot; `silent` is for how long no new state has come [s]."""
+def view(snapshot: Snapshot, silent: float, brief: bool = False) -> RenderableType:
+    """Draw a snapshot, a brief one without the numbers of nodes that are well.
+
+    For `silent` seconds no new state has come.
+    """
     parts: list[RenderableType] = [_errors(snapshot), _motion(snapshot)]
     if snapshot.health:
-        parts.append(_health(snapshot))
+        parts.append(_health(snapshot, brief))
     return Panel(Group(*parts), title=_title(snapshot, silent), title_align="left", expand=False)
 
 
@@ -137,9 +141,13 @@ def _motion(snapshot: Snapshot) -> Table:
     return table
 
 
-def _health(snapshot: Snapshot) -> Table:
+def _health(snapshot: Snapshot, brief: bool) -> Table:
+    """Health of the nodes, first of those that are not well."""
     table = Table("node", "health", "", box=None, pad_edge=False)
-    for name, (level, summary, details) in sorted(snapshot.health.items()):
+    ranked = sorted(snapshot.health.items(), key=lambda each: (each[1].level == OK, each[0]))
+    for name, (level, summary, details) in ranked:
+        if brief and level == OK:
+            details = {}
         word, style = _LEVELS[min(level[0], len(_LEVELS) - 1)]
         told = "  ".join(f"{key} {each}" for key, each in details.items() if key not in _ELSEWHERE)
         table.add_row(name, Text(f"{word} {summary}", style=style), Text(told))

@@ -14,6 +14,7 @@
 
 """The latest samples and the health of a running stack, for programs that only look on."""
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -31,9 +32,11 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
 )
 from ppc_attitude.nodes.messages import LatestSamples, subscribe
-from ppc_attitude.runtime.health import Status
+from ppc_attitude.runtime.health import STALE, Status
 from ppc_attitude.runtime.stamps import RefusedError
+from ppc_attitude.science.stamps import NANOSECONDS
 
+_SILENT = 3  # [s] of simulated time behind the states, and of the wall clock, without a word
 _ALWAYS = (ATTITUDE, ANGULAR_VELOCITY, APPLIED_TORQUE, TORQUE_COMMAND, DISTURBANCE)
 BOUNDED = tuple((BY_COLUMN[error], BY_COLUMN[bound]) for error, bound in BOUNDS)
 """What some component bounds, and what bounds it."""
@@ -52,22 +55,29 @@ class Snapshot:
 class Onlooker:
     """Subscribes to what a person wants to see of the stack in the node's namespace."""
 
+    now = staticmethod(time.monotonic)  # [s] by the wall clock; a test has a clock of its own
+
     def __init__(self, node: Node, listen: Callable[[float], None]) -> None:
         self._listen = listen
         self._count = node.count_publishers
         self._home = node.get_namespace()
         self._latest = LatestSamples(node, WATCHED)
-        self._health: dict[str, Status] = {}
+        self._health: dict[str, tuple[float, int, Status]] = {}  # when it came, and its stamp [ns]
         subscribe(node, DIAGNOSTICS_TOPIC, self._on_health)
 
     def _on_health(self, message: DiagnosticArray) -> None:
+        stamp_ns = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
         for status in message.status:
             if status.hardware_id.rpartition("/")[0] == self._home.rstrip("/"):
                 details = {entry.key: entry.value for entry in status.values}
-                self._health[status.hardware_id] = Status(status.level, status.message, details)
+                told = Status(status.level, status.message, details)
+                self._health[status.hardware_id] = self.now(), stamp_ns, told
 
     def look(self, duration: float) -> Snapshot:
-        """Take in messages for some time [s], and return the latest of all."""
+        """Take in messages for some time [s], and return the latest of all.
+
+        While states go on, what does not come any more is none of the present.
+        """
         self._listen(duration)
         samples = {}
         for topic in WATCHED:
@@ -77,6 +87,14 @@ class Onlooker:
                 continue  # the nodes themselves refuse it, and say so in their diagnostics
             if sample is not None:
                 samples[topic.name] = sample
+        state = samples.get(ATTITUDE.name)
+        since = state.stamp_ns - _SILENT * NANOSECONDS if state else 0
+        samples = {name: each for name, each in samples.items() if each.stamp_ns >= since}
         absent = [topic for topic in WATCHED if topic.name not in samples]
         lacks = any(topic in _ALWAYS or self._count(topic.name) for topic in absent)
-        return Snapshot(samples, dict(self._health), bool(self._health) and not lacks)
+        health = {}
+        for node, (came, stamp_ns, told) in self._health.items():
+            silent = self.now() - came
+            gone = stamp_ns < since and silent > _SILENT
+            health[node] = Status(STALE, f"silent for {silent:.0f} s", {}) if gone else told
+        return Snapshot(samples, health, bool(health) and not lacks)

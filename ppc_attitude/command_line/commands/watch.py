@@ -99,4 +99,8 @@ def _show(onlooker: "Onlooker") -> None:
             state = snapshot.samples.get(ATTITUDE.name)
             if state is not None and state.stamp_ns != stamp:
                 stamp, since = state.stamp_ns, time.monotonic()
-            live.update(view(snapshot, time.monotonic() - since), refresh=True)
+            silent = time.monotonic() - since
+            picture = view(snapshot, silent)
+            if len(live.console.render_lines(picture)) > live.console.height:
+                picture = view(snapshot, silent, brief=True)
+            live.update(picture, refresh=True)
