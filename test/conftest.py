@@ -118,14 +118,15 @@ def _graph_of_its_own(domain: int, folder: Path) -> dict[str, str]:
 
 
 @pytest.fixture(autouse=True)
-def ros_domain(tmp_path: Path) -> Iterator[int]:
+def ros_domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     """Give the test, and every process that it starts, a ROS graph of its own on this machine.
 
     A command that runs in this process may set what the middleware reads; it does not outlive
     the test.
     """
     with _own_domain() as domain:
-        with mock.patch.dict(os.environ, _graph_of_its_own(domain, tmp_path)):
+        logs = tmp_path_factory.getbasetemp()  # to make a folder takes longer than many a test
+        with mock.patch.dict(os.environ, _graph_of_its_own(domain, logs)):
             yield domain
         # A later test may get this domain. A process that was killed holds its sockets for a while.
         end = time.monotonic() + _PATIENCE
