@@ -16,6 +16,7 @@
 
 import json
 import math
+import os
 import subprocess
 import sys
 import threading
@@ -26,7 +27,7 @@ import pytest
 from campaign_helpers import rows_of
 from conftest import Answer
 from craft_helpers import CONFIG
-from outside_helpers import OUTSIDE, POINTS, Run, name_points, package, runs
+from outside_helpers import OUTSIDE, POINTS, name_points, package
 from process_helpers import PATIENCE
 
 from ppc_attitude.contract.topics import INJECTOR
@@ -45,11 +46,12 @@ OWN = {
 Tell = Callable[..., Answer]
 
 
-# Runs each command that it reads, in the folder that comes with it; `captions` is one more.
+# Runs each command that it reads, in the folder and domain that come with it; two are of its own.
 EACH = """
 import json, os, shlex, sys
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
+from compare import compare
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.simulation.closed_loop import simulate
@@ -61,29 +63,25 @@ def captions(*files):
     print(*(caption for _, caption, _ in drawings), versions(), sep="\\n")
     return 0
 
+own = {"captions": captions, "compare": compare}
 for line in sys.stdin:
-    folder, words = json.loads(line)
+    folder, domain, words = json.loads(line)
     os.chdir(folder)
+    os.environ["ROS_DOMAIN_ID"] = domain
     out, err = StringIO(), StringIO()
     words = shlex.split(words)
     with redirect_stdout(out), redirect_stderr(err):
-        code = captions(*words[1:]) if words[0] == "captions" else main(words)
+        code = own[words[0]](*words[1:]) if words[0] in own else main(words)
     print(json.dumps((code, out.getvalue(), err.getvalue())), flush=True)
 """
 MISFITTING = {
-    "sensors": ("hasty", "sure"),
+    "sensors": ("failing", "hasty", "sure"),
     "estimators": ("bounded", "quiet"),
     "controllers": ("beyond_column", "blind", "chatty", "listening", "margin"),
     "environments": ("gusty", "table"),
     "plants": ("unnamed", "unnamed_wheels"),
 }
 """Parts that misfit while they run, beside those that fit."""
-
-
-@pytest.fixture
-def run_outside(tmp_path: Path) -> Run:
-    """Run a script, or a command, in a process of its own with entry points of its own."""
-    return runs(tmp_path)
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +106,8 @@ def tell(outside: "subprocess.Popen[str]", tmp_path: Path) -> Tell:
     """Run a command there, in the folder of the test: what it prints, and its errors."""
 
     def run(words: str, code: int = 0) -> Answer:
-        print(json.dumps((str(tmp_path), words)), file=outside.stdin, flush=True)
+        line = json.dumps((str(tmp_path), os.environ["ROS_DOMAIN_ID"], words))
+        print(line, file=outside.stdin, flush=True)
         late = threading.Timer(PATIENCE, outside.kill)
         late.start()
         ended, *printed = json.loads(outside.stdout.readline())
@@ -126,10 +125,9 @@ def choose(tmp_path: Path, node: str, values: str, name: str = "own.yaml") -> No
 
 @pytest.mark.ros
 @pytest.mark.slow
-def test_parts_from_outside_go_all_the_way(run_outside: Run, tmp_path: Path) -> None:
-    run_outside(*f"run {CONFIGS} --duration 2 --bag bag".split())
-    told = run_outside("bag", *FILES, script=(OUTSIDE / "compare.py").read_text()).stdout
-    columns, _, replay = told.partition("\n")
+def test_parts_from_outside_go_all_the_way(tell: Tell, tmp_path: Path) -> None:
+    tell(f"run {CONFIGS} --duration 2 --bag bag")
+    columns, _, replay = tell(f"compare bag {' '.join(FILES)}").out.partition("\n")
     assert set(columns.split()) >= OWN
     replayed = json.loads(replay)
     assert {each["component"] for each in replayed["components"]} == {
@@ -289,14 +287,12 @@ def test_a_run_fails_where_the_step_of_a_part_raises(tell: Tell, tmp_path: Path)
 
 @pytest.mark.ros
 @pytest.mark.long
-def test_a_run_names_sensors_that_fail(run_outside: Run, tmp_path: Path) -> None:
+def test_a_run_names_sensors_that_fail(tell: Tell, tmp_path: Path) -> None:
     """Not the estimator that refuses what they give, nor the plant that waits for it in vain."""
-    name_points(tmp_path, **{**POINTS, "sensors": "failing = misfits:failing"})
     choose(tmp_path, "spacecraft_plant", "sensors: failing")
-    run = f"run {CONFIGS} --config own.yaml --duration 1 --bag bag"
-    done = run_outside(*run.split(), code=3)
-    assert "spacecraft_plant ended with exit code 3: at t = 0.110 s failing g" in done.stderr
-    assert "the step of component failing raised ValueError: the cap is on" in done.stderr
+    told = tell(f"run {CONFIGS} --config own.yaml --duration 1 --bag bag", code=3)
+    assert "spacecraft_plant ended with exit code 3: at t = 0.110 s failing g" in told.err
+    assert "the step of component failing raised ValueError: the cap is on" in told.err
 
 
 def test_a_step_that_writes_beyond_its_column_fails(tell: Tell) -> None:
