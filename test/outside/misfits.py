@@ -88,7 +88,6 @@ def step_gusty(inputs: Any, state: Any, noise: Any, outputs: Any) -> None:
 @kernel
 def step_beyond(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Write beyond the only number of the last column."""
-    outside_parts.step_law(inputs, state, configuration, outputs)
     outputs.torque_use[1] = 1.0
 
 
