@@ -111,6 +111,30 @@ def printed(code: str, folder: Path, **environment: str) -> str:
     return subprocess.check_output(command, cwd=folder, env=surroundings, text=True)
 
 
+# Executes code once for each text of a file, in copies of a process that has loaded a compiler.
+ANEW = """
+import os, sys
+from pathlib import Path
+import numba
+numba.njit(lambda: 1.0)()
+code, file, *texts = sys.argv[1:]
+for text in texts:
+    Path(file).write_text(text, encoding="utf-8")
+    if (copy := os.fork()) == 0:
+        exec(code)
+        sys.exit(print(end="|"))
+    os.waitpid(copy, 0)
+"""
+
+
+def printed_of(code: str, file: Path, *texts: str, folder: Path, **environment: str) -> list[str]:
+    """What the code prints for each text."""
+    command = [sys.executable, "-c", ANEW, code, str(file), *texts]
+    surroundings = {**os.environ, **environment}
+    told = subprocess.check_output(command, cwd=folder, env=surroundings, text=True)
+    return told.split("|")[:-1]
+
+
 @pytest.mark.parametrize(
     ("file", "old", "new", "code"),
     [
@@ -143,11 +167,11 @@ def test_a_kernel_is_compiled_anew_when_what_it_calls_has_changed(
     shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
     (copy / "science" / "__pycache__").write_text("a folder cannot be made here, not even by root")
     places = {"PYTHONPATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "home")}
-    before = printed(code, tmp_path, **places)
     source = (copy / file).read_text(encoding="utf-8")
     assert source.count(old) == 1
-    (copy / file).write_text(source.replace(old, new), encoding="utf-8")
-    assert printed(code, tmp_path, **places) != before
+    texts = source, source.replace(old, new)
+    before, after = printed_of(code, copy / file, *texts, folder=tmp_path, **places)
+    assert before != after
 
 
 def refers(**changed: Any) -> Any:
@@ -190,17 +214,15 @@ def test_a_kernel_of_somebody_elses_is_compiled_anew_when_what_it_calls_has_chan
     (folder / "absent.py").symlink_to("nowhere")
     kernels = "from ppc_attitude.science.kernel import kernel\n@kernel\ndef {}():\n    return {}\n"
     called = tmp_path / of_called.rstrip(".") / "called.py"
-    called.write_text(kernels.format("called", 1.0))
+    # Python takes a file of the same second and length for unchanged.
+    texts = [kernels.format("called", number) for number in (1.0, 12.0)]
     (folder / "calling.py").write_text(
         f"from {of_called}called import called\n{kernels.format('calling', 'called()')}"
     )
     search = os.pathsep.join([str(tmp_path), str(PACKAGE.parent)])
     environment = {"PYTHONPATH": search, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     code = f"from {package}calling import calling; print(calling())"
-    assert printed(code, tmp_path, **environment) == "1.0\n"
-    # Python takes a file of the same second and length for unchanged.
-    called.write_text(kernels.format("called", 12.0))
-    assert printed(code, tmp_path, **environment) == "12.0\n"
+    assert printed_of(code, called, *texts, folder=tmp_path, **environment) == ["1.0\n", "12.0\n"]
 
 
 _COMMAND = (
