@@ -271,7 +271,10 @@ def test_no_more_is_submitted_than_can_be_held(monkeypatch: pytest.MonkeyPatch) 
     stream.close()
 
 
-def test_a_stopped_campaign_keeps_what_is_done(tmp_path: Path) -> None:
+def test_a_stopped_campaign_keeps_what_is_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compute_here(monkeypatch)
     stop = threading.Event()
 
     def at_thirty(done: int) -> None:
@@ -282,7 +285,6 @@ def test_a_stopped_campaign_keeps_what_is_done(tmp_path: Path) -> None:
         small(),
         2000,
         tmp_path / "c",
-        workers=1,
         progress=at_thirty,
         stopping=lambda: nullcontext(stop),
     )

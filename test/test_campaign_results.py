@@ -250,9 +250,12 @@ def written(tmp_path: Path) -> list[str]:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_command_gives_the_campaign(finished: Finished, tmp_path: Path, ask: Ask) -> None:
+def test_command_gives_the_campaign(
+    finished: Finished, tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compute_here(monkeypatch)
     out, report = tmp_path / "out", tmp_path / "report.html"
-    options = ["--runs", RUNS, "--workers", 1, "--out", out, "--report", report, "--json"]
+    options = ["--runs", RUNS, "--out", out, "--report", report, "--json"]
     told = ask(*written(tmp_path), *options).json  # runs this short show little
     assert list(told) == described("campaign")
     assert told["done"] == told["runs"] == RUNS
