@@ -24,12 +24,10 @@ from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
 
-import distributed
 import pytest
 from campaign_helpers import compute_here, files_of, rows_of, small
 from conftest import StartProcess
 from craft_helpers import ROOT
-from distributed import Client
 from process_helpers import COMMAND, PAPER, PATIENCE, Process, until
 
 from ppc_attitude.campaign import pools
@@ -56,6 +54,8 @@ class Cluster:
             self._run("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
             for _ in range(workers)
         ]
+        from distributed import Client  # by the one worker that runs these tests
+
         self.client = Client(self.address, set_as_default=False)
         self.client.wait_for_workers(workers, timeout=PATIENCE)
 
@@ -163,7 +163,7 @@ def test_a_stop_leaves_the_cluster_free(cluster: Cluster, tmp_path: Path) -> Non
 def test_an_address_that_can_be_none_is_refused_at_once(
     address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(distributed, "Client", lambda *_, **__: pytest.fail("asked"))
+    monkeypatch.setattr("distributed.Client", lambda *_, **__: pytest.fail("asked"))
     with pytest.raises(ConfigurationError, match=re.escape(f"scheduler = {address}: ")):
         pools.connected(address)
 
