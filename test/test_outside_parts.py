@@ -126,7 +126,7 @@ def choose(tmp_path: Path, node: str, values: str, name: str = "own.yaml") -> No
 @pytest.mark.ros
 @pytest.mark.slow
 def test_parts_from_outside_go_all_the_way(tell: Tell, tmp_path: Path) -> None:
-    tell(f"run {CONFIGS} --duration 2 --bag bag")
+    tell(f"run {CONFIGS} --duration 1.3 --bag bag")
     columns, _, replay = tell(f"compare bag {' '.join(FILES)}").out.partition("\n")
     assert set(columns.split()) >= OWN
     replayed = json.loads(replay)

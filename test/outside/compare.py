@@ -29,7 +29,7 @@ from ppc_attitude.simulation.scenario import load
 
 def compare(bag: str, *configs: str) -> int:
     """Print the columns of the record, and how its replay differs."""
-    recorded, computed = read_run(bag), simulate(load(configs), 2.0)
+    recorded, computed = read_run(bag), simulate(load(configs), 1.3)
     assert not recorded.missing, recorded.missing
     assert not recorded.warnings, recorded.warnings
     columns = set(computed.columns)

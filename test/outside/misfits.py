@@ -72,6 +72,9 @@ def step_blind(inputs: Any, state: Any, configuration: Any, outputs: Any) -> Non
     outputs.torque_command[0] = 1e-3 * inputs.reference_attitude[0]
 
 
+BLIND = Component(name="", inputs=(REFERENCE_ATTITUDE,), outputs=(TORQUE_COMMAND,), step=step_blind)
+
+
 @kernel
 def step_quiet(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Say nothing at first."""
@@ -185,11 +188,9 @@ MADE: dict[str, Callable[[], Component]] = {
         bound=None,
     ),
     "table": lambda: Component(name="", outputs=(ENVIRONMENT_TORQUE,), step=step_table),
-    "listening": lambda: replace(LAW, inputs=(*LAW.inputs, outside_parts.RATE_CHANGE)),
+    "listening": lambda: replace(BLIND, inputs=(*BLIND.inputs, outside_parts.RATE_CHANGE)),
     "chatty": lambda: replace(LAW, advice=lambda _: "well"),
-    "blind": lambda: Component(
-        name="", inputs=(REFERENCE_ATTITUDE,), outputs=(TORQUE_COMMAND,), step=step_blind
-    ),
+    "blind": lambda: BLIND,
 }
 
 
