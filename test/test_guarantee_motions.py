@@ -138,7 +138,7 @@ def test_a_known_reference_is_followed_until_a_slow_craft_has_settled(
 ) -> None:
     """After 400 s, as many steps, the bound gave up; here each rate is a sixteenth."""
     monkeypatch.setattr(known_reference, "_FACES", (6,))
-    monkeypatch.setattr(known_reference, "_STEPS", 1_000)
+    monkeypatch.setattr(known_reference, "_STEPS", 500)
     values = dict(case("guaranteed").parameters[CONTROLLER])
     times = []
     for slower in (1.0, 16.0):
