@@ -19,7 +19,10 @@ import shutil
 import subprocess
 import sys
 import threading
+from collections import namedtuple
 from concurrent.futures import ThreadPoolExecutor
+from enum import Enum
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -176,24 +179,47 @@ def test_a_kernel_is_compiled_anew_when_what_it_calls_has_changed(
 
 def refers(**changed: Any) -> Any:
     """Make a function that refers to this and that, some of it other than usual."""
-    given = {"gain": 1.0, "factor": 2.0, "row": (3.0, 4.0), "table": 5.0, "kernel": 6.0, **changed}
+    given = {"gain": 1.0, "factor": 2.0, "row": (3.0, 4.0), "table": 5.0, "kernel": 6.0}
+    given = {**given, "mode": 8.0, "layout": 0, "pair": "a b", "ufunc": 1.0, **changed}
     library, inner = ModuleType("library"), ModuleType("library.inner")
     vars(library).update(gain=given["gain"], inner=inner)
     vars(inner)["depth"] = given.get("depth", 7.0)
     called = numba.njit(lambda number=given["kernel"]: number)
+    slope = given["ufunc"]
+    ufunc = numba.vectorize(lambda x: x * slope)
+    mode, pair = Enum("Mode", {"A": given["mode"]}), namedtuple("Pair", given["pair"])(1.0, 2.0)
+    layout = np.dtype({"names": ["a"], "formats": ["f8"], "offsets": [given["layout"]]})
     sums = f"sum(x * {given['factor']} for x in row)"
     names = {"row": given["row"], "table": np.array([given["table"]])}
-    known = {"library": library, "called": called, **names}
-    sums += " + library.gain + library.inner.depth + table"
+    known = {"library": library, "called": called, "ufunc": ufunc, "mode": mode, **names}
+    known |= {"layout": layout, "pair": pair}
+    sums += " + library.gain + library.inner.depth + table + ufunc(mode.A.value) + layout + pair.a"
     exec(f"def function(a=1):\n    return called() + {sums}", known)
     return known["function"]
 
 
-@pytest.mark.parametrize("name", ["gain", "depth", "factor", "row", "table", "kernel"])
+@pytest.mark.parametrize(
+    "name",
+    ["gain", "depth", "factor", "row", "table", "kernel", "mode", "layout", "pair", "ufunc"],
+)
 def test_a_function_is_another_one_when_what_it_refers_to_has_changed(name: str) -> None:
     assert digest_of(refers()) == digest_of(refers())
-    changed = (3.0, 9.0) if name == "row" else 9.0
+    changed = {"row": (3.0, 9.0), "pair": "b a", "layout": 8}.get(name, 9.0)
     assert digest_of(refers(**{name: changed})) != digest_of(refers())
+
+
+def test_a_function_is_another_one_when_the_file_of_a_class_has_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Numba makes code of it in ways that nobody can list."""
+    monkeypatch.syspath_prepend(tmp_path)
+    digests = set()
+    for name in ("one", "other", "as_one"):
+        (tmp_path / f"{name}.py").write_text(f"class Made:\n    number = {len(name) % 2}\n")
+        known = {"made": import_module(name).Made}
+        exec("def function():\n    return made.number", known)
+        digests.add(digest_of(known["function"]))
+    assert len(digests) == 2
 
 
 @pytest.mark.parametrize(

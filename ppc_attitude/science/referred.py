@@ -22,17 +22,18 @@ import hashlib
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
-from enum import Enum
+from enum import Enum, EnumType
 from functools import cache
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
+from numba import types
 
 _OURS = __name__.partition(".")[0]
 _ROOT = Path(__file__).parent.parent
-_PLAIN = bool | int | float | complex | str | bytes | Enum | None
+_PLAIN = bool | int | float | complex | str | bytes | np.dtype | types.Type | None
 
 
 @cache
@@ -74,18 +75,36 @@ def digest_of(function: Any) -> str:
 
 
 def _pieces(value: Any, seen: set[int]) -> Iterator[bytes]:
-    function = vars(value).get("py_func") if hasattr(value, "py_func") else value
     if isinstance(value, np.ndarray | np.generic):
         yield f"{value.dtype}{value.shape}".encode() + value.tobytes()
+    elif isinstance(value, EnumType):
+        yield from _pieces(tuple(value.__members__.items()), seen)
+    elif isinstance(value, Enum):
+        yield from _pieces((value.name, value.value), seen)
     elif isinstance(value, tuple | frozenset):
+        yield repr(getattr(value, "_fields", ())).encode()  # a named tuple is read by their names
         for each in value if isinstance(value, tuple) else sorted(value, key=repr):
             yield from _pieces(each, seen)
     elif isinstance(value, _PLAIN):
         yield repr(value).encode()
-    elif isinstance(function, FunctionType) and id(function) not in seen:
-        seen.add(id(function))
-        if str(function.__module__).partition(".")[0] != _OURS:
-            yield from _of_function(function, seen)
+    elif not isinstance(value, ModuleType):
+        # What Numba makes of a function, a kernel or a ufunc, keeps it as wrappers of Python do.
+        made = type(value).__module__.startswith("numba.")
+        function = getattr(value, "__wrapped__", value) if made else value
+        module = str(getattr(function, "__module__", None))
+        if module.partition(".")[0] != _OURS and id(function) not in seen:
+            seen.add(id(function))
+            yield _source_of(module)  # nobody can list what else Numba makes code of, as of a class
+            if isinstance(function, FunctionType):
+                yield from _of_function(function, seen)
+
+
+@cache
+def _source_of(module: str) -> bytes:
+    file = str(getattr(sys.modules.get(module), "__file__", None))
+    with suppress(OSError):
+        return Path(file).read_bytes() if file.endswith(".py") else b""
+    return b""
 
 
 def _of_function(function: FunctionType, seen: set[int]) -> Iterator[bytes]:
