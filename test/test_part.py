@@ -29,6 +29,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.hooks import Advice, named
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.kinds import CONTROLLERS
+from ppc_attitude.science.parameter import filled, record_type
 from ppc_attitude.science.part import Part, configured, first_raised
 from ppc_attitude.science.references import goal
 from ppc_attitude.science.signals import APPLIED_TORQUE, ENVIRONMENT_TORQUE
@@ -118,6 +119,22 @@ def test_components_that_only_what_their_steps_enclose_tells_apart_run_their_own
 
 
 @kernel
+def _counting(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    configuration.gain += 1.0
+    outputs.environment_torque[0] = configuration.gain
+
+
+def test_what_a_step_writes_to_its_configuration_does_not_outlast_the_run() -> None:
+    """Else the numbers of a campaign's run would depend on the runs before it."""
+    kind = record_type(("gain", np.float64))
+    made = {"configuration": kind, "configure": lambda values: filled(kind, {"gain": 1.0})}
+    part = Part(replace(ONE, step=_counting, **made), {})
+    assert [part.step(0)[0], part.step(0)[0]] == [2.0, 3.0]
+    part.forget()
+    assert part.step(0)[0] == 2.0
+
+
+@kernel
 def _raising(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     outputs.environment_torque[0] = 1.0
     if inputs.t > 0.5:
@@ -196,6 +213,19 @@ def test_a_configuration_that_cannot_be_made_is_told_with_its_component(
 ) -> None:
     with pytest.raises(ConfigurationError, match=f"^{told}"):
         Part(replace(ONE, configure=configure), {})
+
+
+@pytest.mark.parametrize(
+    ("numbers", "field"),
+    [(((math.nan,), (1.0, 2.0)), "more.nothing"), (((1.0,), (2.0, math.nan)), "last")],
+)
+def test_a_number_that_is_none_is_refused_wherever_it_is_in_a_record(
+    numbers: Any, field: str
+) -> None:
+    pair = record_type(("more", ONE.configuration), ("last", np.float64, (2,)))
+    made = {"configuration": pair, "configure": lambda values: np.array(numbers, pair)[()]}
+    with pytest.raises(ConfigurationError, match=f"mine: configure made {field} = NaN; allowed"):
+        configured(replace(ONE, **made), {})
 
 
 @pytest.mark.parametrize(

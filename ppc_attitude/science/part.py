@@ -164,7 +164,7 @@ def configured(component: Component, values: Mapping[str, Any]) -> tuple[Any, li
     Raises
     ------
     ConfigurationError
-        A parameter is infeasible, or `configure` fails or makes something else.
+        A parameter is infeasible, or `configure` fails or makes something else, or NaN.
     """
     made = component.configure(values)
     record, *kept = made if isinstance(made, tuple) and made else (made,)
@@ -176,7 +176,22 @@ def configured(component: Component, values: Mapping[str, Any]) -> tuple[Any, li
             f"component {component.name}: configure made {record!r}, "
             f"which is no record of {component.configuration}"
         )
+    if field := _field_with_nan(record):
+        raise ConfigurationError(
+            f"component {component.name}: configure made {field} = NaN; allowed: numbers"
+        )
     return record, kept
+
+
+def _field_with_nan(record: Any) -> str:
+    for name in record.dtype.names or ():
+        value = record[name]
+        if value.dtype.names:
+            if field := _field_with_nan(value):
+                return f"{name}.{field}"
+        elif value.dtype.kind == "f" and np.isnan(value).any():
+            return str(name)
+    return ""
 
 
 class Part:
@@ -243,7 +258,8 @@ class Part:
 
     def hold(self, record: Any) -> None:
         """Take a record of configuration that was made elsewhere."""
-        self.configuration = np.array([record], self.component.configuration)
+        self._held = np.array([record], self.component.configuration)
+        self.configuration = self._held.copy()
         self.addresses = (
             self._entry.address,
             self.inputs.ctypes.data,
@@ -254,9 +270,13 @@ class Part:
         self._records = self.addresses[1:]
 
     def forget(self) -> None:
-        """Begin anew, as at the first step: a step need not write all that it gives."""
+        """Begin anew, as at the first step: a step need not write all that it gives.
+
+        Nor may what a step has written to its configuration outlast the run.
+        """
         self.signals[:] = 0.0
         self.state.view(np.uint8).fill(0)
+        self.configuration[:] = self._held
         self.told = 0
 
     def step(self, stamp_ns: int, values: Iterable[float] = ()) -> Row:
