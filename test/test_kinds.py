@@ -52,6 +52,8 @@ MISFITS = {
         "of_node": "left out: ppc_controller has another parameter wait_for_recorder than of_node",
         "of_ros": "left out: ppc_controller has another parameter use_sim_time than of_ros",
         "selector": "has another parameter controller than selector; allowed: one that is declared",
+        "of_front": "left out: ppc_controller has another parameter max_torque than of_front",
+        "in_degrees": "left out: its column angular_velocity has unit = 'deg/s', another's 'rad/s'",
         "two": "left out: ppc_controller has another parameter z than two",
         "plain": "left out: component plain: step is no kernel: <function",
         "no_default": "left out: z = None; allowed: finite",

@@ -251,14 +251,14 @@ def with_front(law: Component) -> Component:
         # After a gap the law counts from zero again, and what it tells is new all the same.
         return told and (int(state["observer"]["gaps"]) << 32) + told
 
-    own = (*PARAMETERS, INERTIA, MAX_TORQUE)
-    names = {parameter.name for parameter in own}
+    own, names = (*PARAMETERS, INERTIA, MAX_TORQUE), {column.name for column in law.inputs}
     return replace(
         law,
-        parameters=(*own, *(each for each in law.parameters if each.name not in names)),
+        # One of the same name that is declared differently stays, and is told with what differs.
+        parameters=(*own, *(each for each in law.parameters if each not in own)),
         configure=configure,
         configuration=configuration,
-        inputs=(*law.inputs, *(column for column in TOLD if column not in law.inputs)),
+        inputs=(*law.inputs, *(column for column in TOLD if column.name not in names)),
         state=record_type(("observer", MEMORY), ("law", law.state)),
         step=_step_of(law),
         advice=lambda state: law.advice(state["law"]),

@@ -29,7 +29,12 @@ from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.parameter import Parameter, filled, record_type
 from ppc_attitude.science.plants.gyrostat import COMPONENT as GYROSTAT
 from ppc_attitude.science.sensors.direct import SEED
-from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, REFERENCE_ATTITUDE, TORQUE_COMMAND
+from ppc_attitude.science.signals import (
+    ANGULAR_VELOCITY,
+    ENVIRONMENT_TORQUE,
+    REFERENCE_ATTITUDE,
+    TORQUE_COMMAND,
+)
 from ppc_attitude.science.wheels import PARAMETERS as WHEELS
 
 LAW, PLANT, SENSORS = outside_parts.LAW, outside_parts.PLANT, outside_parts.SENSORS
@@ -144,6 +149,8 @@ MADE: dict[str, Callable[[], Component]] = {
     "of_node": lambda: with_parameters(LAW, Parameter("wait_for_recorder", 3, "x")),
     "sure": lambda: replace(SENSORS, exact=lambda _: True),
     "of_kind": lambda: with_parameters(SENSORS, Parameter("max_torque", 7.0, "x")),
+    "of_front": lambda: with_parameters(LAW, Parameter("max_torque", 5.0, "mine", "mN·m")),
+    "in_degrees": lambda: replace(LAW, inputs=(replace(ANGULAR_VELOCITY, unit="deg/s"),)),
     "of_ros": lambda: with_parameters(LAW, Parameter("use_sim_time", False, "x")),
     "selector": lambda: with_parameters(LAW, Parameter("controller", 3, "x")),
     "plain": lambda: replace(LAW, step=lambda *records: None),
