@@ -300,4 +300,7 @@ def test_a_run_names_sensors_that_fail(tell: Tell, tmp_path: Path) -> None:
 def test_a_step_that_writes_beyond_its_column_fails(tell: Tell) -> None:
     """It would be the memory of others."""
     told = tell(f"simulate {PAPER} --controller beyond_column --duration 0.1", code=3)
-    assert "component beyond_column raised IndexError: index is out of bounds" in told.err
+    raised = "component beyond_column raised IndexError: index is out of bounds"
+    assert raised in told.err
+    told = tell(f"check {PAPER} --controller beyond_column", code=2)
+    assert f"the first instant fails; the step of {raised}" in told.err

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science.component import Column
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.part import Part, first_raised
 from ppc_attitude.science.stamps import NANOSECONDS, stamp_of
 from ppc_attitude.simulation.diagram import Diagram, selected
@@ -159,10 +160,12 @@ def first_instant(scenario: Scenario) -> dict[str, Part]:
     Raises
     ------
     ConfigurationError
-        A parameter is infeasible, or the selected components do not fit together.
+        A parameter is infeasible, the selected components do not fit together, or a step fails.
     """
     diagram = Diagram(scenario.parameters)
     diagram.run(np.zeros(1, np.int64))
+    if told := first_raised(diagram.parts.values()):
+        raise ConfigurationError(f"the first instant fails{told}")
     return diagram.parts
 
 
