@@ -191,6 +191,35 @@ def test_fixes_at_other_times_than_the_estimator_says_are_not_replayed() -> None
     assert left_out == ("mekf: star_tracker/attitude came at other times than mekf says",)
 
 
+def test_an_estimator_is_not_replayed_without_a_fix_that_was_due() -> None:
+    """Sensors that give none where they see nothing are not told from a message that was lost."""
+    record = simulate(estimated(), 2.0)
+    fixes = record["star_fix"].copy()
+    fixes[100] = np.nan
+    lost = with_columns(record, star_fix=fixes)
+    found = replay(lost)
+    assert found.left_out == (
+        "mekf: no message of star_tracker/attitude at 1 s, where one was due",
+    )
+    assert all(each.largest == 0.0 for each in found.found)
+    arrives = 100 + round(100.0 * record.parameters[ESTIMATOR]["star_tracker.latency"])
+    cut = part_of(lost, slice(arrives + 1))  # where a recorder was stopped any message may lack
+    mekf_alone = next(each for each in replay(cut).others if each.component == "mekf")
+    assert (mekf_alone.largest, mekf_alone.skipped) == (0.0, 1)
+
+
+def test_a_component_that_differs_without_a_value_on_record_is_left_out() -> None:
+    """As one of another version of its package, whose range excludes the value on record."""
+    for gate, differs in ((mekf.COMPONENT.defaults["gate"], False), (2.0, True)):
+        record = simulate(estimated().with_values(ESTIMATOR, gate=gate), 12.0)
+        values = dict(record.parameters[ESTIMATOR])
+        del values["gate"]
+        found = replay(replace(record, parameters={**record.parameters, ESTIMATOR: values}))
+        reason = "mekf: it gives other numbers, with defaults of gate, of which no value that it"
+        assert [each.startswith(reason) for each in found.left_out] == [True] * differs
+        assert all(each.largest == 0.0 for each in found.found)
+
+
 def test_an_estimator_of_two_late_columns_is_for_the_loop_alone() -> None:
     told = replace(STAR_FIX, name="told", topic="told")
     with pytest.raises(ConfigurationError, match="mekf reads star_fix, told, which come late; al"):

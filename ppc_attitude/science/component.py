@@ -124,6 +124,8 @@ class Column:
         is its age [s], its message has the stamp to which it belongs, and a row of zeros is no
         message. Between nodes only an estimator may read it, and one that has the parameters
         ``star_tracker.rate``, ``star_tracker.latency`` and ``initial_fix``: they say when it comes.
+        Each of these instants must have its message, for which nodes wait; one of form ``fix`` with
+        a zero quaternion and −1 as its first variance says that there is no fix.
     """
 
     name: str

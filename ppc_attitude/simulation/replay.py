@@ -229,7 +229,8 @@ def _replayed(
         It cannot be played; says why.
     """
     _see_that_it_can_be_played(record, kind, component, compared)
-    read = _read(record, component, record.parameters[NODE_OF[kind.name]])
+    values = record.parameters[NODE_OF[kind.name]]
+    read = _read(record, component, values)
     if kind is PLANTS:
         # A plant reads what was given at the instant before.
         read = np.hstack([np.zeros((len(read), 1)), read[:, :-1]])
@@ -257,6 +258,11 @@ def _replayed(
         latest = int(np.argmax(difference))
         if difference[latest] > largest:
             name, largest, k = given, float(difference[latest]), latest
+    if largest and (lacking := sorted(component.defaults.keys() - values.keys())):
+        raise ConfigurationError(  # as of another version of it
+            f"it gives other numbers, with defaults of {', '.join(lacking)}, of which no value "
+            "that it may have is on record"
+        )
     return Difference(
         component.name,
         name,
@@ -313,7 +319,9 @@ def _read(record: RunRecord, component: Component, values: Mapping[str, Any]) ->
     if not component.inputs:
         return np.zeros((0, stamps.size))
     rows = [
-        _arrived(columns[each.name], stamps.tolist(), values) if each.late else columns[each.name]
+        _arrived(each, columns[each.name], stamps.tolist(), values)
+        if each.late
+        else columns[each.name]
         for each in component.inputs
     ]
     read = np.ascontiguousarray(np.hstack(rows))
@@ -321,11 +329,17 @@ def _read(record: RunRecord, component: Component, values: Mapping[str, Any]) ->
     return np.ascontiguousarray(read.T)
 
 
-def _arrived(rows: Array, stamps: list[int], values: Mapping[str, Any]) -> Array:
+def _arrived(column: Column, rows: Array, stamps: list[int], values: Mapping[str, Any]) -> Array:
     """Rows of a late column as they arrived, with their age [s], by the estimator's parameters.
 
     A record has them at the instants to which they belong. A row is zero where none was due, and
-    NaN where one was due that is not on record.
+    NaN where one was due of an instant that is not on record.
+
+    Raises
+    ------
+    ConfigurationError
+        The instant is on record, but not its message: nothing tells what the estimator heard. At
+        its last instant a bag that was cut may lack any.
     """
     slots, last = Slots(values), None
     found = np.zeros((len(stamps), rows.shape[1] + 1))
@@ -335,7 +349,12 @@ def _arrived(rows: Array, stamps: list[int], values: Mapping[str, Any]) -> Array
         if slot is not None:
             place = bisect_left(stamps, slot - TOLERANCE)
             valid = stamps[place]
-            row = rows[place] if valid <= slot + TOLERANCE else np.nan
-            found[k, :-1] = row
-            found[k, -1] = seconds(stamp - valid) if np.isfinite(row).all() else np.nan
+            if valid > slot + TOLERANCE:
+                found[k] = np.nan
+            elif np.isnan(rows[place]).any() and stamp < stamps[-1]:
+                raise ConfigurationError(
+                    f"no message of {column.topic} at {seconds(valid):g} s, where one was due"
+                )
+            else:
+                found[k] = *rows[place], seconds(stamp - valid)
     return found
