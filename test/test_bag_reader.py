@@ -170,6 +170,17 @@ def test_a_run_in_a_namespace_has_the_parameters_of_its_own_nodes(tmp_path: Path
     }
 
 
+def test_a_package_that_has_another_version_here_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    others = {"acme": "2.0", "same": "1.0", "since": "3.0"}
+    monkeypatch.setattr(f"{read_run.__module__}.versions_of_others", lambda: others)
+    run = replace(RUN, metadata={"acme": "1.0", "same": "1.0"})
+    write_run(run, tmp_path / "bag")
+    (told,) = read_run(tmp_path / "bag").warnings
+    assert told.startswith("acme was 1.0 and is 2.0 here: its columns and parameters are read as")
+
+
 def test_an_attitude_of_an_unknown_part_makes_no_run_of_its_own(tmp_path: Path) -> None:
     coarse = replace(ATTITUDE, name="coarse/attitude")
     parts = [(coarse, stamp, data) for topic, stamp, data in messages(RUN) if topic == ATTITUDE]

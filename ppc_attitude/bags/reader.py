@@ -37,6 +37,7 @@ from ppc_attitude.contract.topics import (
     PLANT,
     Topic,
 )
+from ppc_attitude.contract.versions import versions_of_others
 from ppc_attitude.science.stamps import LATEST, seconds, stamp_of
 
 
@@ -177,6 +178,12 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
         warnings.append(
             f"not installed: {', '.join(unknown)}; columns that nothing else gives are not read"
         )
+    for name, version in versions_of_others().items():
+        if (was := facts.metadata.get(name, version)) != version:
+            warnings.append(
+                f"{name} was {was} and is {version} here: its columns and parameters are read as "
+                f"{version} declares them"
+            )
     begin = seconds(int(timeline.stamps[0]))
     if rate and 0.0 < begin <= LATEST:
         warnings.append(

@@ -27,6 +27,11 @@ from ppc_attitude.science.kinds import KINDS
 _PACKAGES = ("numpy", "numba", "scipy", "rosbags", "rclpy")
 
 
+def versions_of_others() -> dict[str, str]:
+    """Versions of the packages that add components, by name."""
+    return {p.dist.name: p.dist.version for kind in KINDS for p in kind.points if p.dist}
+
+
 @cache
 def versions() -> dict[str, str]:
     """Versions of this package, Python, what it builds on, and packages that add components.
@@ -37,7 +42,7 @@ def versions() -> dict[str, str]:
     for package in _PACKAGES:
         with suppress(PackageNotFoundError):
             found[package] = version(package)
-    found |= {p.dist.name: p.dist.version for kind in KINDS for p in kind.points if p.dist}
+    found |= versions_of_others()
     revision = _git_revision()
     if revision:
         found["git_revision"] = revision
