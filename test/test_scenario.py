@@ -13,6 +13,7 @@
 # limitations under the License.
 
 import math
+import os
 import re
 from contextlib import suppress
 from dataclasses import replace
@@ -33,7 +34,13 @@ from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.science.signals import REFERENCE_ATTITUDE, TRUE_ATTITUDE
 from ppc_attitude.simulation.closed_loop import stamps_of
 from ppc_attitude.simulation.diagram import Diagram
-from ppc_attitude.simulation.scenario import check_exchange, load, read_files, scenario
+from ppc_attitude.simulation.scenario import (
+    check_exchange,
+    idle_parameters,
+    load,
+    read_files,
+    scenario,
+)
 
 STAMPS = stamps_of(100.0, 0.3)
 
@@ -157,6 +164,23 @@ def test_files_that_are_no_parameter_files(tmp_path: Path, text: str, complaint:
     with pytest.raises(ConfigurationError, match=complaint) as raised:
         load([path])
     assert str(path) in str(raised.value)
+
+
+def piped(text: str) -> Path:
+    """Path of a pipe as a shell's <(…) gives it, in which a text waits."""
+    reading, writing = os.pipe()
+    with os.fdopen(writing, "w") as pipe:
+        pipe.write(text)
+    return Path(f"/dev/fd/{reading}")
+
+
+def test_a_pipe_that_can_be_read_once_only_is_a_file_like_others() -> None:
+    idle = "{wheels.max_speed: [400.0]}"
+    paths = [CONFIG / "paper.yaml", piped(one("spacecraft_plant", idle))]
+    assert idle_parameters(paths, load(paths)) == ["wheels.max_speed"]
+    paths = [piped(one("ppc_controller", "{k: 2.0}")), piped(one("ppc_controller", "{kk: 3.0}"))]
+    with pytest.raises(ConfigurationError, match=f"from configuration file {paths[1]} on"):
+        load(paths)
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -48,6 +49,7 @@ from ppc_attitude.science.sensors.arrivals import check_slots
 from ppc_attitude.science.stamps import NANOSECONDS, seconds, stamp_of, step_of
 
 Overrides = Mapping[str, Mapping[str, Any]]
+_read_once = cache(read)  # of a pipe nothing is left to read again
 
 
 @dataclass(frozen=True)
@@ -154,7 +156,7 @@ def _update_every_node(
 
 def _read_file(path: Path) -> list[tuple[str, dict[str, Any]]]:
     """Node names, or ** for all, with their flat parameters, in the file's order."""
-    content = read(path, "configuration file")
+    content = (read if path.is_file() else _read_once)(path, "configuration file")
     if not isinstance(content, dict):
         raise ConfigurationError(
             f"configuration file {path} is not a ROS parameter file: no node name at its top"
