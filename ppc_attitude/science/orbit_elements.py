@@ -185,9 +185,12 @@ def _lines(text: str) -> list[str]:
     from sgp4.earth_gravity import wgs72
     from sgp4.io import compute_checksum, twoline2rv
 
-    lines = [line.rstrip() for line in text.strip().splitlines()][-2:]
-    if len(lines) != 2:
-        raise ConfigurationError(f"{TLE.name} has {len(lines)} lines; allowed: 2")
+    given = [line.rstrip() for line in text.strip().splitlines()]
+    if len(given) not in (2, 3):
+        raise ConfigurationError(
+            f"{TLE.name} has {len(given)} lines; allowed: 2, or 3 of which the first is a name"
+        )
+    lines = given[-2:]
     for number, line in enumerate(lines, start=1):
         if len(line) != _LENGTH or not line.isascii() or not line.startswith(f"{number} "):
             raise ConfigurationError(
