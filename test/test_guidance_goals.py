@@ -115,6 +115,18 @@ def test_switches_in_flight_are_the_truths() -> None:
     assert lengths[2] == pytest.approx((87.27504155948724, 8.00066191671642), abs=1e-9)
 
 
+@pytest.mark.parametrize("frame", [INERTIAL, NADIR])
+def test_goal_just_beyond_the_cone_that_it_begins_in_is_turned_to_directly(frame: int) -> None:
+    x, z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+    configuration = guidance((z, "nadir", 28.6 * DEGREE))
+    start = motion_of(NADIR, 0.0, configuration["sky"])[0]
+    goal = about(x, 31.0 * DEGREE)
+    state = begun(start)
+    goal = product(start, goal) if frame == INERTIAL else goal
+    assert pursue(0.0, frame, goal, configuration, state) == ACCEPTED
+    assert active(state)["end"] < 26.0
+
+
 @pytest.mark.parametrize("frame", range(len(FRAME_NAMES)), ids=FRAME_NAMES)
 def test_every_frame_is_reached_from_rest_and_left_in_motion(frame: int) -> None:
     state = fly(

@@ -210,14 +210,14 @@ def _clear_axis(
 
 @kernel
 def _way_out(nodes: Any, tried: Any, cones: Any, directions: Any, inside: int) -> int:
-    """Index of the stop with the smallest turn from the start, which is inside cones; 0: none.
+    """Index of the stop or goal with the smallest turn from the start, inside cones; 0: none.
 
     The cones round the start do not count on the way out; the others do. Stops that were tried
     already are left out.
     """
     start = quaternion(nodes[0])
     best, smallest = 0, math.inf
-    for i in range(1, len(nodes) - 1):
+    for i in range(1, len(nodes)):
         axis, angle = turn_between(start, quaternion(nodes[i]))
         nearer = angle < smallest * (1.0 - _TIE) and not tried[i]
         if nearer and _clear_axis(start, axis, angle, cones, directions, inside) != 0:

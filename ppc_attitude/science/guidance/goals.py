@@ -244,6 +244,8 @@ def _detour(
         still = standing(quaternion(attitudes[len(angles) - 1]))
         if not append_approach(trial, trial.end, still, False, limits, sky, look):
             return no_slew(guidance, state)
+        if leaving and len(angles) == 1:  # the approach itself leads out
+            free = trial.end
     return kept_clear(trial, t, free, inside, guidance, state)
 
 
