@@ -169,7 +169,8 @@ def profile(*points: list[float]) -> dict[str, Any]:
         pytest.param(
             STRAIGHT,
             {**goals((0.0, "spin", STRAIGHT)), "spin.rate": -0.2},
-            "spin.rate = -0.2 rad/s; allowed: up to 0.0314159, which is 0.9 guidance.max_rate",
+            "spin.rate = -0.2 rad/s; allowed: -0.0314159 to 0.0314159, which is 0.9 "
+            "guidance.max_rate",
             id="spin",
         ),
         pytest.param(

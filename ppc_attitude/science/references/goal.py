@@ -125,7 +125,7 @@ SPIN_AXIS = Parameter(
 SPIN_RATE = Parameter(
     "spin.rate",
     math.radians(1.0),
-    "rate of the frame `spin`; up to 0.9 guidance.max_rate",
+    "rate of the frame `spin`; from -0.9 to 0.9 guidance.max_rate",
     "rad/s",
     low=-10.0,
     high=10.0,
@@ -141,8 +141,8 @@ _REASONS = {
     "frame turns too; raise guidance.max_rate or guidance.max_acceleration",
     ILL_DEFINED: "the two directions of its frame are {measured:.2f}° from being parallel; "
     "allowed: at least {allowed:.2f}°; try another time",
-    SPIN_TOO_FAST: "spin.rate = {measured:.6g} rad/s; allowed: up to {allowed:.6g}, which is 0.9 "
-    "guidance.max_rate",
+    SPIN_TOO_FAST: "spin.rate = {measured:.6g} rad/s; allowed: -{allowed:.6g} to {allowed:.6g}, "
+    "which is 0.9 guidance.max_rate",
     TOO_LATE: "the slew to its first point ends at t = {measured:.3f} s, after that point's "
     "{allowed:.3f} s; give later times",
     TOO_FAST: "the way on from its point at t = {allowed:.3f} s needs {measured:.4g} times "
