@@ -309,6 +309,7 @@ def test_wait_for_a_timed_profile_keeps_clear_of_cones_that_move() -> None:
         ([1.0], [START], [None], "a trajectory of 1 points; allowed: 2 to 40"),
         ([1.0, 1.0], [START, OTHER], [None, None], "allowed: finite and increasing"),
         ([1.0, np.nan], [START, OTHER], [None, None], "allowed: finite and increasing"),
+        ([1.0, 1.7e9], [START, OTHER], [None, None], r"allowed: .* s, up to 2e\+08 s"),
         ([0.0, 1e-70], [START, START], [None, None], "increasing by more than 1e-12 s"),
         (
             [1.0, 2.0],

@@ -181,6 +181,15 @@ def profile(*points: list[float]) -> dict[str, Any]:
         ),
         pytest.param(
             STRAIGHT,
+            {
+                **profile([5.0, *STRAIGHT], [86401.0, *STRAIGHT]),
+                **cones(([0.0, 0.0, 1.0], "nadir", 0.1)),
+            },
+            "its last point is at t = 86401.000 s; allowed with keep-out cones: up to 86400.000 s",
+            id="far",
+        ),
+        pytest.param(
+            STRAIGHT,
             profile([5.0, *STRAIGHT], [9.0, 0.6, 0.0, 0.0, 0.8]),
             "the way on from its point at t = 5.000 s needs",
             id="fast",

@@ -95,7 +95,8 @@ STATE = record_type(
     SPIN_TOO_FAST,
     TOO_LATE,
     TOO_FAST,
-) = range(9)
+    TOO_FAR,
+) = range(10)
 MOST_SPIN = 0.9  # of V
 _ROUNDS = 5
 

@@ -25,6 +25,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.frames import INERTIAL
 from ppc_attitude.science.guidance.goals import (
     ACCEPTED,
+    TOO_FAR,
     TOO_FAST,
     TOO_LATE,
     adopt_plan,
@@ -47,9 +48,12 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.parameter import record_type
+from ppc_attitude.science.sky import DAY
+from ppc_attitude.science.stamps import LATEST
 
 MOST_POINTS = 40  # the way to the first point needs legs too
 _CLOSEST = 1e-12  # [s] between two points: a segment divides by the fifth power of it
+_LAST = 2.0 * LATEST  # [s] an order at LATEST may reach as far ahead again
 POINTS = record_type(
     ("count", np.int64),
     ("time", np.float64, (MOST_POINTS,)),  # [s], increasing
@@ -93,10 +97,10 @@ def points(
     quaternions = [
         unit_quaternion(f"attitude of point {i}", each) for i, each in enumerate(attitudes)
     ]
-    if not (np.diff(times) > _CLOSEST).all():
+    if not ((np.diff(times) > _CLOSEST).all() and times[-1] <= _LAST):
         raise ConfigurationError(
             f"times of the points are {list(times)}; allowed: finite and increasing by more than "
-            f"{_CLOSEST:g} s"
+            f"{_CLOSEST:g} s, up to {_LAST:g} s"
         )
     record["time"][:count] = times
     record["attitude"][:count] = quaternions
@@ -173,6 +177,9 @@ def _plan_through(t: float, points: Any, guidance: Any, state: Any) -> int:
     trial = state.plans[1 - state.active]
     if trial.end > points.time[0]:
         return refused(TOO_LATE, trial.end, points.time[0], state)
+    last = points.time[points.count - 1]
+    if guidance.cones.count and last > t + DAY:  # the search for cones steps along all of it
+        return refused(TOO_FAR, last, t + DAY, state)
     if trial.count + points.count > MOST_LEGS:
         return no_slew(guidance, state)
     approached = trial.end  # the cones are checked until here
@@ -204,6 +211,7 @@ def follow(t: float, points: Any, guidance: Any, state: Any) -> int:
     -------
     outcome
         As of `pursue`; also `TOO_LATE` if the first point comes before the slew to it has ended,
-        and `TOO_FAST` if a segment breaks V or A.
+        `TOO_FAR` if the last one comes more than a day ahead while there are cones, and `TOO_FAST`
+        if a segment breaks V or A.
     """
     return adopt_plan(t, _plan_through(t, points, guidance, state), state)

@@ -41,6 +41,7 @@ from ppc_attitude.science.guidance.goals import (
     NO_WAY,
     SPIN_TOO_FAST,
     STATE,
+    TOO_FAR,
     TOO_FAST,
     TOO_LATE,
     begin,
@@ -145,6 +146,8 @@ _REASONS = {
     "which is 0.9 guidance.max_rate",
     TOO_LATE: "the slew to its first point ends at t = {measured:.3f} s, after that point's "
     "{allowed:.3f} s; give later times",
+    TOO_FAR: "its last point is at t = {measured:.3f} s; allowed with keep-out cones: up to "
+    "{allowed:.3f} s, which is a day after the order",
     TOO_FAST: "the way on from its point at t = {allowed:.3f} s needs {measured:.4g} times "
     "guidance.max_rate or guidance.max_acceleration; allowed: 1; give it more time",
 }
