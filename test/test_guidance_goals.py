@@ -36,7 +36,14 @@ from scipy.spatial.transform import Rotation
 from truth_tables import columns, table
 
 from ppc_attitude.science.attitude import product, rotate
-from ppc_attitude.science.guidance.frames import FRAME_NAMES, INERTIAL, NADIR, SPIN, SUN
+from ppc_attitude.science.guidance.frames import (
+    FRAME_NAMES,
+    GROUND,
+    INERTIAL,
+    NADIR,
+    SPIN,
+    SUN,
+)
 from ppc_attitude.science.guidance.goals import (
     ACCEPTED,
     CROSSES,
@@ -150,21 +157,21 @@ def test_brake_with_little_jerk_keeps_the_rate() -> None:
         assert np.linalg.norm(np.array(samples)[:, 4:7], axis=1).max() < 1.01 * V
 
 
-def test_random_switches_keep_the_limits() -> None:
+def test_random_switches_amid_accelerations_keep_the_limits() -> None:
     configuration, random = guidance(), np.random.default_rng(11)
     for attitudes in Rotation.random(200, random_state=4).as_quat().reshape(50, 4, 4):
-        state = begun(quaternion(attitudes[0]))
-        t = 0.0
+        t = float(random.uniform(5640.0, 5720.0))  # at 5710 s it passes the ground point
+        state = begun(quaternion(attitudes[0]), t)
         for attitude in attitudes[1:]:
             frame = int(random.integers(0, len(FRAME_NAMES)))
             switch(t, frame, attitude, configuration, state)
-            rest = float(random.uniform(0.0, 120.0))
-            samples = np.array(
-                [motion(s, configuration, state) for s in np.linspace(t, t + rest, 50)]
-            )
-            # The frames turn by up to 0.018 rad/s of their own; the brake may pass V by 0.2 %.
-            assert np.linalg.norm(samples[:, 4:7], axis=1).max() < 1.002 * V
-            t += rest
+            plan = active(state)
+            later = plan["legs"][plan["count"] - 1]["begin"] + random.uniform(4.0, 8.0)
+            samples = np.array([motion(s, configuration, state) for s in np.linspace(t, later, 50)])
+            # The rate of the frame itself, up to 0.017 rad/s, adds to that of the brake.
+            most = {SPIN: 1.06, GROUND: 1.03}.get(frame, 1.002)
+            assert np.linalg.norm(samples[:, 4:7], axis=1).max() < most * V
+            t = float(later)
 
 
 def test_goal_where_it_is_already_takes_no_time() -> None:
