@@ -33,13 +33,13 @@ from ppc_attitude.contract.topics import (
     Topic,
 )
 from ppc_attitude.nodes.onlooker import BOUNDED, Snapshot
-from ppc_attitude.runtime.health import OK
 from ppc_attitude.science.attitude import rotation_angle
 from ppc_attitude.science.stamps import seconds
 
 _AXES = "xyz"
 # Word and style of each level of a DiagnosticStatus.
 _LEVELS = (("OK", "green"), ("WARN", "yellow"), ("ERROR", "bold red"), ("STALE", "dim"))
+_WELL = b"\x00"  # the level OK
 _NEAR = 0.8  # part of an envelope from which its bar is yellow
 _DEGREES, _MILLI = 180.0 / math.pi, 1e3
 _ABSENT = "–"
@@ -144,9 +144,9 @@ def _motion(snapshot: Snapshot) -> Table:
 def _health(snapshot: Snapshot, brief: bool) -> Table:
     """Health of the nodes, first of those that are not well."""
     table = Table("node", "health", "", box=None, pad_edge=False)
-    ranked = sorted(snapshot.health.items(), key=lambda each: (each[1].level == OK, each[0]))
+    ranked = sorted(snapshot.health.items(), key=lambda each: (each[1].level == _WELL, each[0]))
     for name, (level, summary, details) in ranked:
-        if brief and level == OK:
+        if brief and level == _WELL:
             details = {}
         word, style = _LEVELS[min(level[0], len(_LEVELS) - 1)]
         told = "  ".join(f"{key} {each}" for key, each in details.items() if key not in _ELSEWHERE)
