@@ -22,6 +22,7 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.executors import Executor
 from rclpy.node import Node
+from rclpy.task import Future
 
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.parameters import WAIT_FOR_RECORDER
@@ -73,6 +74,8 @@ class BaseNode(Node):
         self.exit_code = DONE
         self.failure = ""
         self.wake_at = 0.0  # on the monotonic clock [s]
+        self.heard = 0  # messages on topics that it listens to
+        self._turn = Future()  # done when the node has something to do by itself
         self.waits = bool(self.parameters.values.get(WAIT_FOR_RECORDER.name, False))
         self.health = Health(self.now())
         self._subscribe: list[Callable[[], Any]] = []  # put off until the recorder listens
@@ -102,11 +105,17 @@ class BaseNode(Node):
     def wake_now(self) -> None:
         """Let `wake` be called after the present message, whatever it returned last."""
         self.wake_at = 0.0
+        self._turn.set_result(None)
 
     def finish(self) -> None:
         """End after the present message."""
         self.finished = True
         self.wake_now()
+
+    def new_turn(self) -> Future:
+        """Return what `wake_now` completes: until then the executor takes messages."""
+        self._turn = Future()
+        return self._turn
 
     def new_executor(self) -> Executor:
         """Return the executor that runs this node."""
@@ -167,6 +176,7 @@ class BaseNode(Node):
         def receive(data: bytes) -> None:
             if self.waits:
                 return
+            self.heard += 1
             try:
                 sample = read(data)
                 handle(sample.stamp_ns, sample.values)
