@@ -26,9 +26,9 @@ from craft_helpers import case, conditions, configs, overlay
 
 from ppc_attitude.analysis.requirements import PAPER, Accuracy, Requirements
 from ppc_attitude.command_line.commands import check
-from ppc_attitude.command_line.environment_load import environment_torque, wheel_conditions
+from ppc_attitude.command_line.environment_load import environment_torque
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
-from ppc_attitude.science.conditions import Condition, advisable
+from ppc_attitude.science.conditions import advisable
 from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND
 from ppc_attitude.science.kinds import ENVIRONMENTS
 from ppc_attitude.simulation.closed_loop import first_instant, simulate
@@ -337,34 +337,6 @@ def test_a_filter_that_takes_its_sensors_for_others_is_warned_of() -> None:
         assert not found[name].holds
     told = "mounting = [0, 0, 0, 1] of the sensors, [0, 0.7071, 0, 0.7071] of the filter"
     assert told in found["star_tracker.mounting"].meaning
-
-
-def speed_of_a_wheel(scenario: Scenario) -> list[Condition]:
-    parts = first_instant(scenario)
-    return [*wheel_conditions(scenario, parts["references"], parts["environments"])]
-
-
-def test_the_wheel_that_is_full_first_is_warned_of() -> None:
-    record = simulate(case("wheels"), 250.0)
-    shares = np.abs(record["wheel_speed"]).max(axis=1) / 628.3
-    (short,) = speed_of_a_wheel(case("wheels"))
-    assert short.holds
-    assert short.value == pytest.approx(shares[record.t <= 120.0].max(), rel=0.05)
-    (long,) = speed_of_a_wheel(case("wheels", duration=400.0))
-    assert not long.holds
-    full = float(long.meaning.rpartition("passed at ")[2].removesuffix(" s"))
-    assert full == pytest.approx(record.t[shares > 0.99][0], rel=0.01)
-    spun = {"wheels.initial_speed": [0.0, 300.0, 0.0, 0.0]}
-    (sooner,) = speed_of_a_wheel(case("wheels").with_values(PLANT, **spun))
-    assert sooner.value > short.value
-    endless = case("wheels", duration=0.0)
-    for fine in (case(), endless, case("wheels", "orbit", "unloading", duration=1e6)):
-        assert not speed_of_a_wheel(fine)
-    off = {"magnetorquers.law": "off", "duration": 1e4}
-    hasty = {"wheels.null_gain": 1.0, "duration": 2e4}  # a step of the sum is of 10 s
-    (idle,) = speed_of_a_wheel(case("wheels", "orbit").with_values(PLANT, **hasty))
-    assert idle.value < 0.3
-    assert speed_of_a_wheel(case("wheels", "orbit", "unloading").with_values(PLANT, **off))
 
 
 @pytest.mark.parametrize(("asked", "limits"), [("1.5", {1.5}), ("null", set())])

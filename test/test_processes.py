@@ -60,14 +60,12 @@ def trap(tmp_path: Path) -> Path:
 
 
 SECOND = ["--config", str(PAPER), "--duration", "1"]
+PAGE = ["--bag", "bag", "--report", "report.html"]
 CALLS = {
     "simulate": ["simulate", *SECOND],
     "campaign": ["campaign", "--config", str(PAPER), "--runs", "4"],
     # The law with the fewest figures: what draws one imports all that draws.
-    "run": [
-        *("run", "--controller", "quaternion_feedback"),
-        *("--duration", "0.02", "--bag", "bag", "--report", "report.html"),
-    ],
+    "run": ["run", "--controller", "quaternion_feedback", "--duration", "0.02", *PAGE],
     "latency": ["latency", *SECOND],
 }
 

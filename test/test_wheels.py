@@ -36,14 +36,16 @@ from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import PAPER as PAPER_REQUIREMENTS
 from ppc_attitude.bags.reader import read_run
+from ppc_attitude.command_line.environment_load import wheel_conditions
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science import wheels
 from ppc_attitude.science.component import MAX_WHEELS
+from ppc_attitude.science.conditions import Condition
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kinds import ACTUATORS
-from ppc_attitude.simulation.closed_loop import simulate
-from ppc_attitude.simulation.scenario import check_components, load, weakened
+from ppc_attitude.simulation.closed_loop import first_instant, simulate
+from ppc_attitude.simulation.scenario import Scenario, check_components, load, weakened
 
 drive = partial(part_of, ACTUATORS, "wheels")
 
@@ -305,3 +307,31 @@ def test_a_weaker_actuator_has_smaller_limits_whatever_it_is() -> None:
     assert weakened({"actuator": "wheels", "wheels.max_torque": [0.04]}, 0.5) == {
         "wheels.max_torque": [0.02]
     }
+
+
+def speed_of_a_wheel(scenario: Scenario) -> list[Condition]:
+    parts = first_instant(scenario)
+    return [*wheel_conditions(scenario, parts["references"], parts["environments"])]
+
+
+def test_the_wheel_that_is_full_first_is_warned_of() -> None:
+    record = simulate(case("wheels"), 250.0)
+    shares = np.abs(record["wheel_speed"]).max(axis=1) / 628.3
+    (short,) = speed_of_a_wheel(case("wheels"))
+    assert short.holds
+    assert short.value == pytest.approx(shares[record.t <= 120.0].max(), rel=0.05)
+    (long,) = speed_of_a_wheel(case("wheels", duration=400.0))
+    assert not long.holds
+    full = float(long.meaning.rpartition("passed at ")[2].removesuffix(" s"))
+    assert full == pytest.approx(record.t[shares > 0.99][0], rel=0.01)
+    spun = {"wheels.initial_speed": [0.0, 300.0, 0.0, 0.0]}
+    (sooner,) = speed_of_a_wheel(case("wheels").with_values(PLANT, **spun))
+    assert sooner.value > short.value
+    endless = case("wheels", duration=0.0)
+    for fine in (case(), endless, case("wheels", "orbit", "unloading", duration=1e6)):
+        assert not speed_of_a_wheel(fine)
+    off = {"magnetorquers.law": "off", "duration": 1e4}
+    hasty = {"wheels.null_gain": 1.0, "duration": 2e4}  # a step of the sum is of 10 s
+    (idle,) = speed_of_a_wheel(case("wheels", "orbit").with_values(PLANT, **hasty))
+    assert idle.value < 0.3
+    assert speed_of_a_wheel(case("wheels", "orbit", "unloading").with_values(PLANT, **off))
