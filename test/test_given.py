@@ -48,12 +48,13 @@ def given(column: Column, *told: float) -> Part:
     record["told"][: len(told)] = told
     component = Component(
         name="given",
-        configure=lambda _: record,
+        configure=lambda _: np.zeros((), TOLD)[()],
         configuration=TOLD,
         outputs=(column,),
         step=step_attitude if column == ATTITUDE else step,
     )
     part = Part(component, {})
+    part.hold(record)  # `configure` may make no NaN
     part.step(0)
     return part
 
