@@ -30,6 +30,7 @@ from geometry_msgs.msg import Quaternion, QuaternionStamped
 from peer import Beside, living, peer
 from process_helpers import Node, end_all, until
 from rcl_interfaces.srv import ListParameters
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
@@ -46,11 +47,12 @@ from ppc_attitude.contract.topics import (
     REFERENCE,
     REFERENCE_ATTITUDE,
 )
+from ppc_attitude.nodes import run_graph
 from ppc_attitude.nodes.bag_recorder import BagRecorder
 from ppc_attitude.nodes.messages import message_class, publisher_of, take_gathered
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
 from ppc_attitude.processes.exits import BROKEN, DONE
-from ppc_attitude.science.stamps import stamp_of
+from ppc_attitude.science.stamps import NANOSECONDS, stamp_of
 
 UNIT = (0.0, 0.0, 0.0, 1.0)
 pytestmark = pytest.mark.ros
@@ -172,6 +174,47 @@ def test_a_node_that_is_started_again_is_asked_again(
     told = {(change.stamp_ns, change.name, change.value) for change in record.changes}
     begun = {(stamp_of(step, 100.0), "enabled", True) for step in (20, 30)}
     assert told == {(stamp_of(20, 100.0), "k", 3.0), *begun}
+
+
+@pytest.mark.parametrize(("speaks", "since"), [(True, 2), (False, 3)])
+def test_a_node_that_answers_before_it_speaks_is_on_record_from_its_own_first_word_on(
+    speaks: bool, since: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not from that of the one before; and if it says none, from the last state on."""
+    monkeypatch.setattr(run_graph, "_UNSEEN", 0.0)
+    bag = tmp_path / "bag"
+    with recorder_into(bag) as beside:
+        recorder = beside.node
+
+        def started(k: float) -> tuple[rclpy.node.Node, Publisher]:
+            node = rclpy.create_node(REFERENCE)
+            node.declare_parameter("k", k)
+            beside.executor.add_node(node)
+            sent = publisher_of(node, REFERENCE_ATTITUDE)
+            beside.until(sent.get_subscription_count)
+            return node, sent
+
+        def send(second: int, *publishers: Publisher) -> None:
+            for each in publishers:
+                each.publish(Codec(REFERENCE_ATTITUDE).encode(second * NANOSECONDS, UNIT))
+            beside.send(ATTITUDE, second * NANOSECONDS, UNIT)
+            recording = recorder._recordings[""]
+            beside.until(lambda: recorder.wake() and recording.now == second * NANOSECONDS)
+
+        before, sent = started(1.0)
+        send(0, sent)
+        beside.until(lambda: recorder.wake() and "parameters" in recorder._run_info)
+        beside.executor.remove_node(before)
+        before.destroy_node()
+        after, sent = started(2.0)
+        send(1)
+        beside.until(lambda: recorder.wake() and recorder._restarted)
+        send(2, *[sent] * speaks)
+        send(3)
+        after.destroy_node()
+    first, second = read_run(bag).changes
+    assert (first.name, first.value, second.name) == ("k", 2.0, "enabled")
+    assert first.stamp_ns == second.stamp_ns == since * NANOSECONDS
 
 
 def test_a_plant_that_is_started_again_has_its_own_parameters_from_the_first_state_on(

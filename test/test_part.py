@@ -242,7 +242,11 @@ def test_a_hook_that_raises_is_told_with_its_component(hook: str) -> None:
     ("hook", "answer", "told"),
     [
         ("bound", math.nan, "ValueError: nan; allowed: a number ≥ 0"),
-        ("least_impulse", -1.0, "ValueError: -1.0; allowed: finite numbers, three for each part"),
+        (
+            "least_impulse",
+            -1.0,
+            "ValueError: -1.0; allowed: finite numbers .N·m·s., three for each",
+        ),
         ("least_impulse", [[0.1, math.nan, 0.0]], "ValueError: .*nan.*; allowed: finite numbers"),
         ("torque", (1.0,), "ValueError: not enough values"),
         ("torque", (1.0, None), "TypeError: float.* not 'NoneType'"),

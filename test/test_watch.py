@@ -146,12 +146,13 @@ def test_what_does_not_come_any_more_while_states_do_is_none_of_the_present() ->
             )
             return found
 
-        send(0, *senders)
+        send(100, *senders)
         for name in names:
-            health.publish(diagnostics(0, name, "status", Status(OK, "running", {})))
+            well = Status(OK, "running", {})
+            health.publish(diagnostics(100 * NANOSECONDS, name, "status", well))
         seen(lambda snapshot: len(snapshot.health) + len(snapshot.samples) == 4)
-        for second, silent in ((3, False), (4, True)):
-            now, text = float(second), f"waits at {second} s"
+        for now, second in ((3.0, 103), (4.0, 104), (9.0, 20)):  # and at last after a reset
+            text, silent = f"waits at {second} s", now > 3.0
             send(second, ATTITUDE)
             # Who waits reports by the wall clock, and its time stands still.
             health.publish(diagnostics(0, names[1], "status", Status(STALE, text, {})))
@@ -162,8 +163,8 @@ def test_what_does_not_come_any_more_while_states_do_is_none_of_the_present() ->
                 )
             )
             assert (TORQUE_COMMAND.name in snapshot.samples) != silent
-            expected = Status(STALE, "silent for 4 s", {}) if silent else Status(OK, "running", {})
-            assert snapshot.health[names[0]] == expected
+            gone = Status(STALE, f"silent for {now:.0f} s", {})
+            assert snapshot.health[names[0]] == (gone if silent else well)
 
 
 def test_nothing_yet() -> None:

@@ -168,6 +168,8 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
         end_ns = stamp_of(round(duration * rate), rate) if rate and duration else None
         timeline = align(messages, rate, cut=bool(cut), end_ns=end_ns)
         parameters, in_flight = _of_last_epoch(facts.parameters, changes, timeline)
+        if parameters.get(PLANT, {}) == plant:
+            break
     in_flight.sort(key=attrgetter("stamp_ns"))
     announced = (topic.name for topic in lacking if f"{home}/{topic.name}" in bag.topics)
     empty = dict.fromkeys(announced, len(timeline.stamps))

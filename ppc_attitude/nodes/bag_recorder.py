@@ -79,7 +79,6 @@ _CALM = 0.05  # [s] of silence after which the executor waits for the next messa
 _LISTEN = 0.05  # [s] between two looks at the topics that were silent
 _LONGEST = 0.1  # [s] after which a recorder in full flow looks for signals and services
 _CALLS = 5  # of the executor in full flow, each time: clock, timer, services and answers
-_ANSWERS = 5.0  # [s] after its first message a node that was started again has told its parameters
 _LOOK_EARLY, _LOOK = 0.1, 0.25  # [s] between two looks at the graph: before a run, and during it
 
 
@@ -157,24 +156,26 @@ class BagRecorder(BaseNode):
         for topic in (*STANDARD, *EVENTS):
             self._record_topic(home, topic)
 
-    def _learn(self, home: str, node: str, values: dict[str, Any]) -> None:
+    def _learn(self, home: str, node: str, values: dict[str, Any], since: float) -> None:
         """Write down the parameters that another node has told."""
         full, parameters = f"{home}/{node}", self._run_info.setdefault("parameters", {})
         if full in parameters and self._recordings[home].now >= 0:
-            self._restarted[home, node] = self._now - _ANSWERS, values
+            self._restarted[home, node] = since, values
             return
         parameters[full] = values
         for key, value in self._custom_data().items():
             self._writer.set_custom_data(key, value)
         self.get_logger().info(f"the parameters of {full} are on record")
 
-    def _tell_restarted(self) -> None:
+    def _tell_restarted(self, ends: bool = False) -> None:
         """Write down as changes with what nodes began anew, from the first that they send on."""
         for (home, node), (since, values) in tuple(self._restarted.items()):
             recording, ears = self._recordings[home], self._ears.values()
             topics = [each for where, each, _ in ears if (where, each.source) == (home, node)]
             names = [topic.name for topic in topics if topic.column]
-            begun = recording.began(names, since) if names else recording.now
+            begun = recording.began(names, since)
+            if begun is None and (ends or not names):
+                begun = recording.now
             if begun is not None:
                 del self._restarted[home, node]
                 data = serialize_message(changed(begun, node, {**values, ENABLED: True}))
@@ -331,6 +332,7 @@ class BagRecorder(BaseNode):
 
     def close(self) -> None:
         """Finish the bag, and say whether it is complete."""
+        self._tell_restarted(ends=True)
         gaps = [gap for home in self._recordings for gap in self._gaps(home)]
         try:
             if not self.failure:

@@ -88,13 +88,15 @@ class Onlooker:
             if sample is not None:
                 samples[topic.name] = sample
         state = samples.get(ATTITUDE.name)
-        since = state.stamp_ns - _SILENT * NANOSECONDS if state else 0
-        samples = {name: each for name, each in samples.items() if each.stamp_ns >= since}
+        now_ns, near = state.stamp_ns if state else 0, _SILENT * NANOSECONDS
+        # What is far ahead is of the time before a reset.
+        old = [name for name, each in samples.items() if abs(each.stamp_ns - now_ns) > near]
+        samples = {name: samples[name] for name in samples.keys() - old} if state else samples
         absent = [topic for topic in WATCHED if topic.name not in samples]
         lacks = any(topic in _ALWAYS or self._count(topic.name) for topic in absent)
         health = {}
         for node, (came, stamp_ns, told) in self._health.items():
             silent = self.now() - came
-            gone = stamp_ns < since and silent > _SILENT
+            gone = state and abs(stamp_ns - now_ns) > near and silent > _SILENT
             health[node] = Status(STALE, f"silent for {silent:.0f} s", {}) if gone else told
         return Snapshot(samples, health, bool(health) and not lacks)

@@ -14,6 +14,7 @@
 
 """The nodes of a run: what they publish, by the ROS graph, and their parameters, when asked."""
 
+import time
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from itertools import chain
@@ -45,6 +46,7 @@ from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.parameters import with_lists
 from ppc_attitude.science.parameter import unquoted
 
+_UNSEEN = 2.5  # [s] for which a node may have been there before it is seen
 _PERIOD = 1.0  # [s] between two looks for nodes that have not told their parameters
 _OURS = {MARKERS_TOPIC.name, RECORDED_TOPIC.name, *(topic.name for topic in EVENTS)}
 _NAMES = {topic.name for topic in STANDARD}
@@ -141,11 +143,15 @@ class ParameterSurvey:
     """Ask every node of some runs for its parameters, when it appears: nobody else has told them.
 
     One that is started again is asked again: it may have others. After each answer `on_answer` gets
-    the namespace of the run, as of `RunGraph`, the node's name, and its parameters.
+    the namespace of the run, as of `RunGraph`, the node's name, its parameters, and since when it
+    may have been there, by the wall clock [s].
     """
 
     def __init__(
-        self, node: Node, graph: RunGraph, on_answer: Callable[[str, str, dict[str, Any]], None]
+        self,
+        node: Node,
+        graph: RunGraph,
+        on_answer: Callable[[str, str, dict[str, Any], float], None],
     ) -> None:
         self._node = node
         self._graph = graph
@@ -153,6 +159,7 @@ class ParameterSurvey:
         self._clients: dict[tuple[str, str], tuple[Any, Any]] = {}
         # Namespace and name of who has answered, by what no two starts of a node have in common.
         self._answered: dict[bytes, tuple[str, str]] = {}
+        self._since: dict[bytes, float] = {}
         # By the steady clock: simulated time, which a node may be told to use, may not have begun.
         node.create_timer(_PERIOD, self._ask, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -160,6 +167,7 @@ class ParameterSurvey:
         """Ask who has not answered; an answer is lost if its node ends amid the questions."""
         for end in self._node.get_publishers_info_by_topic(PARAMETER_EVENTS_TOPIC.name):
             who, start = (end.node_namespace.rstrip("/"), end.node_name), bytes(end.endpoint_gid)
+            self._since.setdefault(start, time.monotonic() - _UNSEEN)
             if who not in self._graph.nodes or start in self._answered:
                 continue
             if who not in self._clients:
@@ -190,7 +198,7 @@ class ParameterSurvey:
             for each in answer
         )
         told = dict(zip(names, (unquoted(with_lists(each)) for each in values), strict=True))
-        self._on_answer(*who, told)
+        self._on_answer(*who, told, self._since[start])
 
     def close(self) -> None:
         """Say who has not answered."""

@@ -42,7 +42,7 @@ from ppc_attitude.science.errors import ConfigurationError
 _HELP = {"-h", "--help"}
 # To spin until a future is done spares lock-step a fifteenth of its time, but each such call of the
 # events executor loses 32 bytes for good, 2.7 GB a day of a node that wakes at 1 kHz. So it is for
-# full flow alone, when a node wakes ten times a second.
+# full flow alone, when a node wakes ten times a second: there it is 27 MB a day.
 _LOOK, _FLOW = 0.1, 60  # [s], and messages within that time
 RCLError: type[Exception] = rclpy_implementation.RCLError
 

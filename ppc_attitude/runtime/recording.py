@@ -305,7 +305,7 @@ class Recording:
 
     def began(self, names: Iterable[str], since: float) -> int | None:
         """Stamp [ns] of what a node first sent on topics, if it began to send since a time [s]."""
-        newest = (self._lanes[name].publishers.newest for name in names)
+        newest = (self._lanes[name].publishers.newest for name in names if name in self._lanes)
         return min((begun[1] for begun in newest if begun and begun[0] >= since), default=None)
 
     def end(self) -> None:

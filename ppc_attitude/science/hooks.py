@@ -86,7 +86,7 @@ def _sizes(given: Any) -> tuple[float, float]:
 def _impulses(given: Any) -> NDArray[np.float64]:
     impulses = np.asarray(given, np.float64)
     if impulses.ndim != 2 or impulses.shape[1] != 3 or not np.isfinite(impulses).all():
-        raise ValueError(f"{given!r}; allowed: finite numbers, three for each part")
+        raise ValueError(f"{given!r}; allowed: finite numbers [N·m·s], three for each part")
     return impulses
 
 

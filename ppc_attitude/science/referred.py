@@ -85,6 +85,8 @@ def _pieces(value: Any, seen: set[int]) -> Iterator[bytes]:
         yield repr(getattr(value, "_fields", ())).encode()  # a named tuple is read by their names
         for each in value if isinstance(value, tuple) else sorted(value, key=repr):
             yield from _pieces(each, seen)
+    elif isinstance(value, types.Dispatcher):
+        yield from _pieces(value.dispatcher, seen)
     elif isinstance(value, _PLAIN):
         yield repr(value).encode()
     elif not isinstance(value, ModuleType):

@@ -260,8 +260,8 @@ def _replayed(
             name, largest, k = given, float(difference[latest]), latest
     if largest and (lacking := sorted(component.defaults.keys() - values.keys())):
         raise ConfigurationError(  # as of another version of it
-            f"it gives other numbers, with defaults of {', '.join(lacking)}, of which no value "
-            "that it may have is on record"
+            f"it gives {name} that differs by up to {largest:.3g}, with defaults of "
+            f"{', '.join(lacking)}, of which no value that it may have is on record"
         )
     return Difference(
         component.name,

@@ -49,7 +49,8 @@ from ppc_attitude.science.sensors.arrivals import check_slots
 from ppc_attitude.science.stamps import NANOSECONDS, seconds, stamp_of, step_of
 
 Overrides = Mapping[str, Mapping[str, Any]]
-_read_once = cache(read)  # of a pipe nothing is left to read again
+# Of a pipe nothing is left to read again, and another one has another inode.
+_read_once = cache(lambda path, inode: read(path, "configuration file"))
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,8 @@ def _update_every_node(
 
 def _read_file(path: Path) -> list[tuple[str, dict[str, Any]]]:
     """Node names, or ** for all, with their flat parameters, in the file's order."""
-    content = (read if path.is_file() else _read_once)(path, "configuration file")
+    inode = path.stat().st_ino if path.is_fifo() else None
+    content = _read_once(path, inode) if inode else read(path, "configuration file")
     if not isinstance(content, dict):
         raise ConfigurationError(
             f"configuration file {path} is not a ROS parameter file: no node name at its top"
