@@ -335,7 +335,7 @@ def test_time_grows_with_the_bag_and_not_faster(
     records: Callable[[int], bytes], tmp_path: Path
 ) -> None:
     spent = {4: math.inf, 1: math.inf}  # the least of several: other processes only add to it
-    for part in (4, 1, 4, 4, 1):
+    for part in (4, 4, 1, 4, 1):
         if spent[1] < 8 * spent[4] < math.inf:  # in proportion 4 times, with the square 16 times
             return
         (tmp_path / "bag.mcap").write_bytes(b"\x89MCAP0\r\n" + records(part))
