@@ -53,7 +53,7 @@ from ppc_attitude.science.kernel import (
 )
 from ppc_attitude.science.parameter import at_start, filled, record_type
 from ppc_attitude.science.plants import rigid_body
-from ppc_attitude.science.wheels import WHEELS, friction, momentum
+from ppc_attitude.science.wheels import WHEELS, friction, momentum, steepest
 
 MAX_MODES = 6
 _MAX_PHASE = 0.3  # [rad] by which the fastest mode may turn in a step
@@ -137,13 +137,10 @@ def _see_that_steps_follow(craft: Any) -> None:
     Wheels that hold much of the craft's inertia turn the craft back, which shares the speed between
     them: it falls the faster.
     """
-    wheels = craft["wheels"]
-    axes, inertia, static, over, viscous = (
-        wheels[name][: wheels["count"]]
-        for name in ("axes", "inertia", "static", "transition_speed", "viscous")
-    )
+    wheels, turning = craft["wheels"], slice(craft["wheels"]["count"])
+    axes, inertia = wheels["axes"][turning], wheels["inertia"][turning]
     answer = np.diag(1.0 / inertia) + axes @ craft["body"]["inertia_inverse"] @ axes.T
-    rates = np.linalg.eigvals((static / over + viscous)[:, None] * answer).real  # [1/s]
+    rates = np.linalg.eigvals(steepest(wheels, turning)[:, None] * answer).real  # [1/s]
     decay = float(wheels["h"] * max(rates, default=0.0))
     if decay > 1.0:
         raise ConfigurationError(

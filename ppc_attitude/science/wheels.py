@@ -227,9 +227,8 @@ def see_that_a_step_follows(record: Any, i: int, drag: float = 1.0) -> None:
     ConfigurationError
         It is.
     """
-    slope = record["static"][i] / record["transition_speed"][i] + record["viscous"][i]
     h = record["h"]
-    decay = h * drag * slope / record["inertia"][i]
+    decay = h * drag * steepest(record, i) / record["inertia"][i]
     if decay > 1.0:
         times = f" and {drag:g} times its friction" if drag != 1.0 else ""
         less = ", or less drag" if drag != 1.0 else ""
@@ -238,6 +237,11 @@ def see_that_a_step_follows(record: Any, i: int, drag: float = 1.0) -> None:
             f"{i}{times}: in a step of {h:g} s friction takes {decay:.6g} times the speed; "
             f"allowed: at most 1, by a larger {TRANSITION_SPEED.name}, or rate{less}"
         )
+
+
+def steepest(record: Any, part: int | slice) -> Any:
+    """Largest slope f'(Ω) [N·m·s/rad] of the friction of wheel or wheels: where it turns round."""
+    return record["static"][part] / record["transition_speed"][part] + record["viscous"][part]
 
 
 @kernel

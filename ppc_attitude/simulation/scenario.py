@@ -46,7 +46,7 @@ from ppc_attitude.science.kinds import ACTUATORS, Kind, all_components, not_give
 from ppc_attitude.science.parameter import Value, checked, nearest, resolved
 from ppc_attitude.science.part import configured
 from ppc_attitude.science.sensors.arrivals import check_slots
-from ppc_attitude.science.stamps import NANOSECONDS, seconds, stamp_of, step_of
+from ppc_attitude.science.stamps import NANOSECONDS, first_step, seconds
 
 Overrides = Mapping[str, Mapping[str, Any]]
 # Of a pipe nothing is left to read again, and another one has another inode.
@@ -309,8 +309,7 @@ def check_pulses(injector: Mapping[str, Any], rate: float) -> None:
     """
     for hit in scheduled_pulses(injector):
         start, end = int(hit["start_ns"]), int(hit["end_ns"])
-        near = step_of(start, rate)
-        if not any(start <= stamp_of(step, rate) < end for step in (near, near + 1)):
+        if first_step(start, rate) == first_step(end, rate):
             least = math.ceil(NANOSECONDS / rate)  # no two stamps are further apart
             raise ConfigurationError(
                 f"{INJECTOR}: the pulse from {seconds(start)} to {seconds(end)} s lies between two "
