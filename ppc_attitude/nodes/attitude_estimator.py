@@ -31,7 +31,7 @@ from ppc_attitude.science.sensors.arrivals import Slots, check_slots
 
 
 class AttitudeEstimator(ComponentNode):
-    """Runs the selected filter; an instant is complete when the fix is there that is due."""
+    """Runs the selected filter at an instant, once its samples and the due fix have come."""
 
     executable = ESTIMATOR
 

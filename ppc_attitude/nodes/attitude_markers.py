@@ -81,7 +81,7 @@ class AttitudeMarkers(BaseNode):
         self._prefix = f"{self.get_namespace()}/".lstrip("/")
         self._scene: Scene | None = None  # of guidance; none in mode `paper`
         self._cones = 0  # that are drawn
-        # Who comes late still gets the last word.
+        # A node that joins late still gets the last status.
         subscribe(self, GUIDANCE_STATUS, self._on_guidance, LATE_PEER)
         self._stamp = -1
         self._looked_at = 0.0  # [s]

@@ -73,12 +73,12 @@ from ppc_attitude.science.parameter import Value
 from ppc_attitude.science.stamps import nanoseconds, seconds
 
 _QUIET = 0.3  # [s] without a message after which all that was sent has arrived
-_RUNS_ON = 1.0  # [s] after it is asked to end; who sends later than that has not been asked
+_RUNS_ON = 1.0  # [s] after it is asked to end; a node that still sends has not been asked
 _BATCH = 0.005  # [s] messages that arrive within this time are taken together
 _CALM = 0.05  # [s] of silence after which the executor waits for the next message, at 0.5 ms each
 _LISTEN = 0.05  # [s] between two looks at the topics that were silent
 _LONGEST = 0.1  # [s] after which a recorder in full flow looks for signals and services
-_CALLS = 5  # of the executor in full flow, each time: clock, timer, services and answers
+_CALLS = 5  # of the executor at each such look: for clock, timer, services and answers
 _LOOK_EARLY, _LOOK = 0.1, 0.25  # [s] between two looks at the graph: before a run, and during it
 
 
@@ -112,7 +112,7 @@ class BagRecorder(BaseNode):
         self._flow = Flow()
         self._executor = SingleThreadedExecutor()
         self._heard_at = 0.0  # time of the last look that found any message
-        self._about: Mapping[str, Any] = {}  # what rclpy says of the last one
+        self._about: Mapping[str, Any] = {}  # what rclpy says about the last message
         self._written = 0
         self._now = 0.0
         self._looked = -_LOOK
@@ -138,7 +138,7 @@ class BagRecorder(BaseNode):
         self.get_logger().info(f"recording to {self._path}")
 
     def check(self, values: Mapping[str, Value]) -> None:
-        """See that the facts about the run can be read, and that the namespaces can be some."""
+        """See that the facts about the run can be read, and that the namespaces are valid."""
         read_run_info(str(values["run_info"]))
         if not values["namespaces"]:
             raise ConfigurationError("namespaces = []; allowed: at least one, '' is the own one")
@@ -146,7 +146,7 @@ class BagRecorder(BaseNode):
             check_name(validate_topic_name, _states_in(namespace), f"namespaces: {namespace!r}")
 
     def _follow(self, home: str) -> None:
-        """Record the run in a namespace; the topics of the contract before anybody sends."""
+        """Record the run in a namespace; subscribe to the contract's topics before any is sent."""
         if home in self._recordings:
             return
         self._recordings[home] = Recording(partial(self._write, home))
@@ -168,7 +168,7 @@ class BagRecorder(BaseNode):
         self.get_logger().info(f"the parameters of {full} are on record")
 
     def _tell_restarted(self, ends: bool = False) -> None:
-        """Write down as changes with what nodes began anew, from the first that they send on."""
+        """Record the parameters of restarted nodes as changes, from the first stamp of each on."""
         for (home, node), (since, values) in tuple(self._restarted.items()):
             recording, ears = self._recordings[home], self._ears.values()
             topics = [each for where, each, _ in ears if (where, each.source) == (home, node)]
@@ -219,7 +219,7 @@ class BagRecorder(BaseNode):
 
     def _receiver(self, home: str, topic: Topic) -> Take:
         recording, name, msgtype = self._recordings[home], topic.name, topic.msgtype
-        ahead = topic.source in (REFERENCE, INJECTOR)  # they know instants before they come
+        ahead = topic.source in (REFERENCE, INJECTOR)  # they may send before the state has come
 
         # To a callback of two arguments rclpy also tells the publisher's number of the message.
         # Its events executor fails at such a callback.
@@ -276,7 +276,7 @@ class BagRecorder(BaseNode):
             self._take_less(self._incompatible.pop())
 
     def _take_less(self, name: str) -> None:
-        """Read a topic at best effort if no publisher can do better, as a user's own may."""
+        """Read a topic at best effort if no publisher offers more, such as a user's own node."""
         ends = self.get_publishers_info_by_topic(name)
         offered = [end.qos_profile.reliability == ReliabilityPolicy.RELIABLE for end in ends]
         nodes = ", ".join(sorted(publishing_nodes(self, name).values()))
@@ -291,7 +291,7 @@ class BagRecorder(BaseNode):
     def new_executor(self) -> Executor:
         """Return an executor that only looks at messages when it is asked to.
 
-        The recorder alone has nobody who waits for it. Waking up for every message costs more
+        No node waits for a single answer of the recorder. Waking up for every message costs more
         than all the rest of recording, so `wake` takes what has gathered.
         """
         return self._executor

@@ -53,8 +53,8 @@ _IDLE_WAIT = 0.1  # [s] longest wait for a message before a node looks around
 # [s] how long a stopping node waits for its last messages to arrive: a peer that was paused asks
 # for what it missed when it hears a heartbeat; without our profile those come every 3 s.
 _ACKNOWLEDGE = 8.0
-_SOON = 1.0  # [s] after which whoever of the run can answer has answered
-_GLANCE = Duration(seconds=0.1)  # between two looks at who still reads
+_SOON = 1.0  # [s] within which every living node of the run has acknowledged its messages
+_GLANCE = Duration(seconds=0.1)  # between two looks at the readers that are left
 
 
 class BaseNode(Node):
@@ -65,7 +65,7 @@ class BaseNode(Node):
 
     executable = ""
     now = staticmethod(time.monotonic)  # [s] by the wall clock; a test has a clock of its own
-    is_asked_to_end = staticmethod(lambda: False)  # who runs the node knows
+    is_asked_to_end = staticmethod(lambda: False)  # `running` replaces it by a look at signals
 
     def __init__(self) -> None:
         super().__init__(self.executable, start_parameter_services=False)
@@ -113,7 +113,7 @@ class BaseNode(Node):
         self.wake_now()
 
     def new_turn(self) -> Future:
-        """Return what `wake_now` completes: until then the executor takes messages."""
+        """Return a new future that `wake_now` completes; until then the executor takes messages."""
         self._turn = Future()
         return self._turn
 
@@ -139,14 +139,14 @@ class BaseNode(Node):
             self.complain("alike", f"{alike}: {text}")
 
     def tell_changes(self, stamp_ns: int, changes: Mapping[str, Value]) -> None:
-        """Publish values that hold from a stamp [ns] on as parameters; so they are recorded."""
+        """Publish parameters that hold from a stamp [ns] on, so that they are on record."""
         self.told |= changes
         self._changes.publish(changed(stamp_ns, self.get_name(), changes))
         text = ", ".join(f"{name} = {value}" for name, value in changes.items())
         self.get_logger().info(f"from t = {seconds(stamp_ns):.6f} s on: {text}")
 
     def tell_again(self, stamp_ns: int) -> None:
-        """Tell all changes anew: time begins again at a stamp [ns], and with it the record."""
+        """Publish all changes again, because time and the record begin anew at a stamp [ns]."""
         if self.told:
             self.tell_changes(stamp_ns, self.told)
 
@@ -155,7 +155,7 @@ class BaseNode(Node):
         publisher = publisher_of(self, topic)
         self._outgoing.append(publisher)
         self._watch.add(topic, publisher.topic_name)
-        # What `Publisher.publish` calls for bytes, without its look at the type of every message.
+        # `Publisher.publish` calls this for bytes; so it spares a check of every message's type.
         publish, encode = publisher.handle.publish_raw, Codec(topic).encode
 
         def send(stamp_ns: int, values: Sequence[float]) -> None:
@@ -184,7 +184,7 @@ class BaseNode(Node):
                 self.refuse(topic.name, str(reason))
 
         begin = partial(subscribe, self, topic, receive, raw=True)
-        # That a node of the run reads other topics, the recorder learns from the graph alone.
+        # The recorder finds other topics by their readers in the graph: so this one reads at once.
         if self.waits and topic in STANDARD:
             self._subscribe.append(begin)
         else:
@@ -215,9 +215,9 @@ class BaseNode(Node):
         ]
 
     def say_waiting(self, since: float, text: Callable[[], str]) -> None:
-        """Log every few seconds what is waited for since a time [s] of the monotonic clock.
+        """Log every few seconds what the node waits for since a time [s] of the monotonic clock.
 
-        An empty text says that nothing is.
+        The text is empty if the node waits for nothing.
         """
         now = self.now()
         long = now - since >= _SAY_WAITING
@@ -228,8 +228,8 @@ class BaseNode(Node):
     def refuse(self, kind: str, reason: str) -> None:
         """Count a refusal and log it, at most once a second for each kind, such as a topic.
 
-        Several that publish the topic are named: what they send may be what others take for time
-        out of order, and proves to no `PublisherWatch` that two are alive.
+        If several nodes publish the topic, they are named: their stamps in turns look out of order,
+        and such messages do not prove to a `PublisherWatch` that two publishers are alive.
         """
         self.health.refused[kind] += 1
         if self.health.may_log(kind, self.now()):
@@ -249,7 +249,7 @@ class BaseNode(Node):
 
     def say_all(self, news: Iterable[Advice]) -> None:
         """Log advice, of the node's components or its own, as errors, warnings or neither."""
-        for advice in news:  # a line of source each: rclpy ties a severity to it
+        for advice in news:  # rclpy allows one severity for each line of source
             if advice.failed:
                 self.get_logger().error(advice.text)
             elif advice.warning:
@@ -302,7 +302,7 @@ class BaseNode(Node):
         self._await_readers(self._outgoing)
 
     def _await_readers(self, publishers: Sequence[Any]) -> None:
-        """Wait for who reads these, and for strangers only as long as somebody of the run reads."""
+        """Wait until all readers have the messages; for strangers alone only `_SOON`."""
         home = self.get_namespace().rstrip("/")
         ours = {f"{home}/{name}" for name in OF_A_RUN}
         begin = self.now()

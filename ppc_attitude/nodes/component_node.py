@@ -35,7 +35,7 @@ from ppc_attitude.simulation.scenario import check_components
 class ComponentNode(BaseNode):
     """Answers each state with the outputs of its components at that instant.
 
-    Components that read nothing are functions of time alone: their answers go one instant ahead.
+    Components that read nothing depend on time alone, so their answers are sent an instant ahead.
     """
 
     _exchanges: tuple[set[str], set[str]] | None = None  # columns read and given, once it runs
@@ -48,8 +48,8 @@ class ComponentNode(BaseNode):
         self._topics = [BY_COLUMN[column.name] for column in self.chain.inputs] or [ATTITUDE]
         self._instant = self.new_instant(self._topics)
         columns = columns_of(self.executable, values)
-        # What comes late belongs to an instant before: sent ahead, the last of it would arrive
-        # after the end of the run.
+        # A late column belongs to an earlier instant: if it were sent ahead, its last message would
+        # arrive after the end of the run.
         ahead = not self.chain.inputs and not any(column.late for column in columns)
         self.answers = Answers(self._answer, ahead, self._begin_again)
         self._senders = {each.name: self.sender(BY_COLUMN[each.name]) for each in columns}
@@ -102,7 +102,7 @@ class ComponentNode(BaseNode):
         """Forget what was ordered in flight: time has begun again."""
 
     def compute(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
-        """Run the components at an instant; the numbers of all columns by name."""
+        """Run the components at an instant; return the numbers of all columns by name."""
         return self.chain.step(stamp_ns, inputs)
 
     def _receive(self, topic: Topic, stamp_ns: int, values: Values) -> None:
@@ -111,7 +111,7 @@ class ComponentNode(BaseNode):
             self.on_instant(stamp, parts)
 
     def on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
-        """Answer an instant [ns] whose messages are all there, by column."""
+        """Answer a complete instant [ns]; the parts are its messages by column."""
         read = self._topics[0]
         for stamp, answer in self.answers.to(read, stamp_ns, parts, self.now()).items():
             if why := self.chain.not_finite(answer, self._senders):

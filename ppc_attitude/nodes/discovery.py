@@ -14,14 +14,14 @@
 
 """Who finds a node: range and domain, as the environment sets them, and the transports of Fast DDS.
 
-The environment is checked: ROS takes a range that it does not know for one that it does, and tells
-it in a warning.
+The environment is checked here, because ROS replaces a range that it does not know by one that it
+knows, and only warns.
 
 Only times and transports of Fast DDS are set, no QoS: what ROS asks for stays in force. Another
 middleware reads none of this, and a profile of the user's own takes precedence.
 
-All goes by UDP. Fast DDS takes the shared-memory port of a process that does not respond for a
-second for dead and makes it anew, and who still holds the old one is never heard again.
+All messages go by UDP. Fast DDS takes the shared-memory port of a process that does not respond for
+a second for dead and makes a new one; a process that still holds the old one is never heard again.
 """
 
 import os
@@ -34,7 +34,7 @@ from pathlib import Path
 from ppc_attitude.science.errors import ConfigurationError
 
 RANGE, DOMAIN, PEERS = "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_DOMAIN_ID", "ROS_STATIC_PEERS"
-LOCALHOST_ONLY = "ROS_LOCALHOST_ONLY"  # older than the range, and goes before it
+LOCALHOST_ONLY = "ROS_LOCALHOST_ONLY"  # older than the range, and takes precedence
 PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 MIDDLEWARE, OURS = "RMW_IMPLEMENTATION", "rmw_fastrtps"
@@ -55,8 +55,8 @@ def check_discovery(environment: Mapping[str, str]) -> None:
     Raises
     ------
     ConfigurationError
-        The range, the domain or a peer is none; names it and what is allowed. Or no network
-        interface is up by which nodes find each other, unless the sockets are the user's choice.
+        The range, the domain or a peer is invalid; the message names it and what is allowed. Or no
+        network interface for discovery is up, unless the sockets are the user's choice.
     """
     allowed = ", ".join(_ALLOWED)
     chosen = environment.get(RANGE, "")
@@ -123,7 +123,7 @@ def reach(environment: Mapping[str, str]) -> str:
 
 
 def unused_domains() -> list[int]:
-    """Domains without a participant on this host; all where the system does not tell."""
+    """Domains without a participant on this host; all domains if the system does not tell."""
     used = {(port - _PORT_BASE) // _PORTS_PER_DOMAIN for port in _bound_ports()}
     return [domain for domain in DOMAINS if domain not in used]
 
@@ -152,9 +152,9 @@ def tune_transport(environment: MutableMapping[str, str] = os.environ) -> None:
     Raises
     ------
     ConfigurationError
-        The environment names a range, a domain or a peer that is none.
+        The environment names an invalid range, domain or peer.
     """
-    from rclpy import utilities  # commands need no ROS for all else
+    from rclpy import utilities  # not at the top: commands use the rest of this module without ROS
 
     check_discovery(environment)
     middleware = utilities.get_rmw_implementation_identifier()

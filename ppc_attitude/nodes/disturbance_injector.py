@@ -44,7 +44,7 @@ _REQUEST = (
 
 
 class DisturbanceInjector(ComponentNode):
-    """Gives the external torque of every instant."""
+    """Gives the external torque [N·m] of every instant, body axes."""
 
     executable = INJECTOR
 
@@ -56,7 +56,7 @@ class DisturbanceInjector(ComponentNode):
         self.create_service(SetParametersAtomically, "~/inject", self._on_request)
 
     def check(self, values: Mapping[str, Value]) -> None:
-        """See too that every scheduled pulse acts, as far as the instants are known."""
+        """See also that every scheduled pulse acts at an instant, once the instants are known."""
         super().check(values)
         if self._exchanges and self.answers.period_ns:
             check_pulses(values, NANOSECONDS / self.answers.period_ns)
@@ -73,7 +73,7 @@ class DisturbanceInjector(ComponentNode):
         return super().compute(stamp_ns, inputs)
 
     def _hold(self) -> None:
-        """Let scheduled and injected pulses act."""
+        """Give the component all scheduled and injected pulses."""
         pulses = [scheduled_pulses(self.parameters.values), *self._injections.pulses]
         record, self._kept = configuration_of(np.concatenate(pulses))
         self.chain.parts[-1].hold(record)
@@ -107,7 +107,7 @@ class DisturbanceInjector(ComponentNode):
             torque, start, duration, name = (asked[each.name] for each in _REQUEST)
             text = self._inject(tuple(torque), nanoseconds(start), duration, name)
             response.result.reason, response.result.successful = text, True
-        except (ValueError, RuntimeError) as reason:  # of a type that ROS does not have: the latter
+        except (ValueError, RuntimeError) as reason:  # RuntimeError: a type that ROS does not have
             self.refuse("~/inject", f"~/inject: {reason}")
             response.result.reason = str(reason)
         return response

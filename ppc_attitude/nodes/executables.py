@@ -14,8 +14,8 @@
 
 """The executables of `ros2 run`: one function for each node.
 
-Importing a node takes seconds on a slow machine. Until it is imported a request to end is granted
-at once, then it is the node's to deal with (`running.stop_requests`): no start ends in a traceback.
+Importing a node takes seconds on a slow machine. Meanwhile a request to end is granted at once;
+afterwards the node handles it (`running.stop_requests`). So no start ends in a traceback.
 """
 
 from collections.abc import Callable
@@ -35,7 +35,7 @@ def _run(node: str) -> int:
 
 
 def __getattr__(node: str) -> Callable[[], int]:
-    """Return the function that runs a node: `setup.py` names those that there are."""
+    """Return the function that runs a node of this name; `setup.py` lists the names."""
     if node.startswith("_"):
         raise AttributeError(node)
     return partial(_run, node)

@@ -46,8 +46,8 @@ class Answer(NamedTuple):
 def go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answer:
     """Let a node send a goal, and wait for what becomes of it.
 
-    The attitude is a unit quaternion x y z w, relative to the frame. The goal begins at a simulated
-    time [s], 0: now; of a later one the answer is that it is taken.
+    The attitude q_goal is a unit quaternion x y z w: q_d = q_frame ⊗ q_goal. The goal begins at the
+    simulated time `at` [s]; 0 means now. If it begins later, the answer says that it is accepted.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answe
 
 
 def _all_listen(node: Node, publisher: Publisher) -> bool:
-    """True if all who follow goals would hear one now: who is to answer, and who records."""
+    """True if every reader of goals would hear one now: the generator, and a recorder."""
     following = [
         each
         for each in node.get_subscriptions_info_by_topic(publisher.topic_name)

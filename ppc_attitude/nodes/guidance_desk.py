@@ -49,14 +49,14 @@ from ppc_attitude.science.part import Part
 from ppc_attitude.science.references.goal import configuration_of, facts
 from ppc_attitude.science.stamps import LATEST, NANOSECONDS, nanoseconds, seconds
 
-ASKED = "asked"  # what the orders were that a status answers, by which each finds its own answer
+ASKED = "asked"  # key of the orders that a status answers, by which a sender finds its answer
 _BODY = "body"  # the joint of a trajectory
 
 
 class GuidanceDesk:
     """Passes orders from messages and a service to the reference, and tells what becomes of them.
 
-    Topics and service are the node's; the part is its reference `goal`.
+    The node has the topics and the service; the part runs its component `goal`.
     """
 
     def __init__(self, node: BaseNode, part: Part) -> None:
@@ -68,7 +68,7 @@ class GuidanceDesk:
         self._profiles = self._scheduled.profiles
         self._book = OrderBook(self._scheduled.listed)
         self._stamp = 0  # the latest instant [ns]
-        self._awaited = ""  # how a status names the last of the orders that wait for the next one
+        self._awaited = ""  # name, in a status, of the last order that waits for the next instant
         self._told = -1  # number of the advice that was told last
         self._details: dict[str, Any] = {}  # that were told last
         self._look_again = 0  # [ns] when they may have changed
@@ -80,7 +80,7 @@ class GuidanceDesk:
     def _listen(
         self, topic: Topic, handle: Callable[[Any], None], name: Callable[[Any], str]
     ) -> None:
-        """Pass the messages of a topic on; tell what a refused one asked for by its name."""
+        """Pass on the messages of a topic; the answer to a refused one names what it asked for."""
 
         def receive(message: Any) -> None:
             try:
@@ -117,7 +117,7 @@ class GuidanceDesk:
     def after(self, stamp_ns: int) -> None:
         """Tell what became of the orders of an instant [ns], after its step.
 
-        Also, once a second of simulated time, where a goal or a cone that moves has come to.
+        Also tell, once a second of simulated time, where a moving goal or cone is.
         """
         state = self._part.state[0]
         if not state["begun"] or (self._part.advices == self._told and stamp_ns < self._look_again):
@@ -126,7 +126,7 @@ class GuidanceDesk:
         details = facts(seconds(stamp_ns), self._part.configuration[0], state)
         if self._part.advices == self._told and details == self._details:
             return
-        listed = self._orders.listed  # of very many the first are gone: count from the latest
+        listed = self._orders.listed  # old orders may be forgotten: count from the latest
         due = np.searchsorted(listed["stamp_ns"], stamp_ns, side="right")
         taken = listed[due - (details["order"] - self._details.get("order", 0)) : due]
         self._told, self._details = self._part.advices, details
@@ -161,7 +161,7 @@ class GuidanceDesk:
         self._publisher.publish(diagnostics(stamp_ns, name, "guidance", status))
 
     def _accept(self, kind: str, make: Make, stamp_ns: int, name: str = "") -> str:
-        """Take an order; who asked hears at once of one that acts later, else when it acts."""
+        """Take an order; its sender is told at once if it acts later, else when it acts."""
         when = self._book.accept(make, stamp_ns)
         self._node.mention(kind, f"{kind}: acts {when}")
         if stamp_ns > self._stamp:
@@ -175,7 +175,7 @@ class GuidanceDesk:
         make = partial(goal_order, frame=frame, attitude=attitude)
         make(0)  # what is wrong with it is told at once
         stamp, name = _stamp_of(message.header.stamp), pose_asked(message)
-        if stamp > self._stamp or name != self._awaited:  # else it is asked for again
+        if stamp > self._stamp or name != self._awaited:  # else the same order has come again
             self._accept(GOAL_POSE.name, make, stamp, name)
 
     def _on_trajectory(self, message: MultiDOFJointTrajectory) -> None:
@@ -203,7 +203,7 @@ class GuidanceDesk:
             return profile_order(stamp_ns, self._profiles.size - 1)
 
         for begin in (0.0, LATEST):  # what is wrong with it is told at once
-            profile_from(begin)  # late, points that are nanoseconds apart coincide
+            profile_from(begin)  # at late times, points that are nanoseconds apart coincide
         self._accept(GOAL_TRAJECTORY.name, make, stamp, PROFILING)
 
     def _on_hold(self, request: Any, response: Any) -> Any:

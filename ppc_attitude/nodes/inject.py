@@ -28,13 +28,13 @@ from ppc_attitude.science.errors import ConfigurationError
 def inject(torque: tuple[float, ...], at: float, duration: float | None, namespace: str) -> str:
     """Inject a torque [N·m] in body axes; return from when to when it acts, as the injector says.
 
-    It begins at a simulated time [s]; 0, or what is past: now. Without a duration [s] it acts for
-    the injector's `injection_duration`.
+    It begins at the simulated time `at` [s], or now if that is 0 or past. Without a duration [s] it
+    acts for the injector's `injection_duration`.
 
     Raises
     ------
     ConfigurationError
-        The namespace is none, or the injector refuses.
+        The namespace is invalid, or the injector refuses.
     TimeoutError
         No injector answered.
     """

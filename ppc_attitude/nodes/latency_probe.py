@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From a state to the torque that answers it, as anyone on the graph can measure it."""
+"""Latency from a state to the torque that answers it, as any node on the graph can measure it."""
 
 import time
 from collections.abc import Callable
@@ -50,8 +50,8 @@ def measure(
 ) -> Latencies:
     """Listen to states and torque commands as long as `goes_on` is true.
 
-    It is told when the first state came, by `time.perf_counter` [s]; None until then. States that
-    come within the time `joining` [s] after it do not count: who joins a topic that is under way
+    It gets the time at which the first state came, by `time.perf_counter` [s], or None before that.
+    States that come within `joining` [s] after it do not count: a node that joins a running topic
     gets its first messages late and all at once, and those of another topic at another time.
     """
     arrivals: dict[int, float] = {}

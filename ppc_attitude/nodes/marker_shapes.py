@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The shapes that stand for a run: a box, the axes of frames, arrows, and keep-out cones."""
+"""The shapes that stand for a run: a box, the axes of frames, arrows, and keep-out cones.
+
+Positions [m] are in inertial axes; attitudes are quaternions x y z w, from a frame to inertial.
+"""
 
 import math
 from itertools import pairwise

@@ -50,8 +50,8 @@ from ppc_attitude.science.component import (
 )
 from ppc_attitude.science.parameter import Value
 
-Take = Callable[..., None]  # (message, about): rclpy knows of the second, its types do not
-_NO_RATE = (0.0, 0.0, 0.0, -1.0)  # REP 145: there is no such quantity
+Take = Callable[..., None]  # (message, about): rclpy gives the second, its type hints lack it
+_NO_RATE = (0.0, 0.0, 0.0, -1.0)  # REP 145: a variance of −1 says that there is no rate
 
 
 def message_class(msgtype: str) -> Any:
@@ -78,7 +78,7 @@ def subscribe(
 
 
 class Inbox:
-    """Decode and check the messages of a stamped topic; what anyone may send needs no frame."""
+    """Decode and check the messages of a stamped topic; one that anyone may send needs no frame."""
 
     def __init__(self, topic: Topic) -> None:
         self._topic = topic
@@ -142,10 +142,10 @@ class Inbox:
 
 
 def take_gathered(subscription: Any) -> bool:
-    """Call a subscription back with each message that has gathered, and what rclpy says about it.
+    """Call a subscription's callback with each waiting message and what rclpy says about it.
 
-    It does not wait for the executor, which by itself does not tell the number of a message. False
-    if there was none.
+    The messages are taken without the executor, which does not tell the number of a message by
+    itself. Returns False if there was no message.
     """
     handle, kind, receive = subscription.handle, subscription.msg_type, subscription.callback
     found = False
@@ -170,7 +170,7 @@ class LatestSamples:
         self._raw[topic] = data
 
     def get(self, topic: Topic) -> Sample | None:
-        """Latest sample of a topic; None if none has come, or one that was refused.
+        """Latest sample of a topic; None if none has come, or if the latest was refused.
 
         Raises
         ------

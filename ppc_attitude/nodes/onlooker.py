@@ -36,7 +36,7 @@ from ppc_attitude.runtime.health import STALE, Status
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.stamps import NANOSECONDS
 
-_SILENT = 3  # [s] of simulated time behind the states, and of the wall clock, without a word
+_SILENT = 3  # [s] behind the states after which a topic has gone, or a node that is as long silent
 _ALWAYS = (ATTITUDE, ANGULAR_VELOCITY, APPLIED_TORQUE, TORQUE_COMMAND, DISTURBANCE)
 BOUNDED = tuple((BY_COLUMN[error], BY_COLUMN[bound]) for error, bound in BOUNDS)
 """What some component bounds, and what bounds it."""
@@ -76,7 +76,7 @@ class Onlooker:
     def look(self, duration: float) -> Snapshot:
         """Take in messages for some time [s], and return the latest of all.
 
-        While states go on, what does not come any more is none of the present.
+        While states go on, a topic that has fallen silent is left out, and a silent node is stale.
         """
         self._listen(duration)
         samples = {}
@@ -89,7 +89,7 @@ class Onlooker:
                 samples[topic.name] = sample
         state = samples.get(ATTITUDE.name)
         now_ns, near = state.stamp_ns if state else 0, _SILENT * NANOSECONDS
-        # What is far ahead is of the time before a reset.
+        # A sample whose stamp is far ahead is from the time before a reset.
         old = [name for name, each in samples.items() if abs(each.stamp_ns - now_ns) > near]
         samples = {name: samples[name] for name in samples.keys() - old} if state else samples
         absent = [topic for topic in WATCHED if topic.name not in samples]

@@ -73,7 +73,7 @@ class NodeParameters:
         }
         strange = chosen.keys() - self._table.keys()
         if strange:  # only then: this loads the components of all nodes
-            # A section for all nodes has names of others too; one that nobody has is a mistake.
+            # A section for all nodes has names of other nodes; a name of no node is a mistake.
             of_any_node = {each.name for table in PARAMETERS.values() for each in table}
             others = sorted(strange & of_any_node)
             if others:
@@ -98,7 +98,7 @@ class NodeParameters:
         return self._table[name].agreed
 
     def take_changes(self) -> dict[str, Value]:
-        """Values that have changed since the node took them over the last time; it does so now."""
+        """Return the values that have changed since the last call, and count them as taken over."""
         changes = {name: value for name, value in self.values.items() if value != self._taken[name]}
         self._taken, self.changed = self.values, False
         return changes
@@ -151,7 +151,7 @@ class _Services(ParameterService):
         return names.pop(self._executable) & set().union(*names.values())
 
     def _not_to_be_taken(self, asked: ParameterMessage) -> str:
-        """Why rclpy raises for what is asked, or refuses it without its name; else empty."""
+        """Why a value is refused for which rclpy would raise or omit the name; empty if none is."""
         node = self._get_node()
         if not node.has_parameter(asked.name):
             known = [each.name for each in PARAMETERS[self._executable]]
@@ -185,9 +185,9 @@ class _Services(ParameterService):
 
 
 def _numbers(value: Any) -> Any:
-    """Numbers that come as text, for `ros2 param load` and `set` read YAML 1.1.
+    """Make numbers of text, because `ros2 param load` and `set` read YAML 1.1.
 
-    For it 3e-05 is a text; of a list they send texts if all are so, and else the whole list as one.
+    There 3e-05 is a text. A list of such texts comes as texts, a mixed list as one text.
     """
     if isinstance(value, str) and _EXPONENT.fullmatch(value):
         return float(value)
@@ -204,7 +204,7 @@ def with_lists(value: Any) -> Any:
 
 
 def _quoted(value: Any) -> Any:
-    """Put a text in quotes that YAML would not take for a value, such as a date or a mapping.
+    """Put a text in quotes that YAML would read as something else, such as a date or a mapping.
 
     `ros2 param load` reads every value of a dump as YAML, and breaks at those.
     """

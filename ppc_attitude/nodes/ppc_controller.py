@@ -43,9 +43,9 @@ class PpcController(ComponentNode):
     def __init__(self) -> None:
         super().__init__()
         self._enabled = True
-        self._switched = False  # and not yet told
+        self._switched = False  # `_enabled` has changed, and the change is not yet on record
         self._saturated = 0
-        self._sees = self._has_seen = False  # it is told an attitude, and has been
+        self._sees = self._has_seen = False  # an attitude is known now; one has been known before
         self.create_service(SetBool, "~/enable", self._on_enable)
 
     def compute(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
@@ -60,7 +60,7 @@ class PpcController(ComponentNode):
             self.say_all([Advice(f"{text} from t = {seconds(stamp_ns):.3f} s on", not sees)])
         self._sees, self._has_seen = sees, self._has_seen or sees
         if not self._enabled:
-            # Nobody is told what the law makes of that: it misses the torque, and blames others.
+            # The law's advice is dropped: the law misses its torque, and would name other causes.
             tuple(self.chain.news())
             return {**outputs, TORQUE_COMMAND.column: _ZERO}
         torque = outputs[TORQUE_COMMAND.column]

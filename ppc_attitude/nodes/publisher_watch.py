@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Does another node publish what this one does? Seen in the graph, proved by what it sends."""
+"""Whether another node publishes what this one does: seen in the graph, proved by its messages."""
 
 import time
 from collections.abc import Hashable, Mapping
@@ -28,8 +28,8 @@ from ppc_attitude.runtime.publishers import Publishers
 from ppc_attitude.runtime.stamps import RefusedError
 
 _LOOK_EVERY = 1.0  # [s]
-_LASTS = 30.0  # [s] after which none of several in the graph is one that was killed before
-_UNKNOWN = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_")  # what rmw says meanwhile
+_LASTS = 30.0  # [s] after which a killed publisher has left the graph, so several are alive
+_UNKNOWN = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_")  # rmw's names for unknown nodes
 
 
 def node_of(end: TopicEndpointInfo) -> str:
@@ -61,7 +61,7 @@ class PublisherWatch:
         self._since = self._looked = time.monotonic()
         self._topics: dict[str, Topic] = {}
         self._ear: Node | None = None
-        self._heard: dict[str, tuple[Any, Publishers]] = {}  # subscription, and who is heard there
+        self._heard: dict[str, tuple[Any, Publishers]] = {}  # subscription, and its publishers
         self.found = ""
         self.gives_way = False
         self._shared: dict[str, float | None] = {}  # since when [s] several are in the graph
@@ -73,7 +73,7 @@ class PublisherWatch:
     def add_shared(self, name: str) -> None:
         """Warn once if others publish a topic, given with its full name, that is no craft's own.
 
-        Its messages prove nothing: they are few, or another craft sends them with good reason.
+        Its messages prove nothing: they are few, or another craft rightly sends them, too.
         """
         self._shared[name] = None
 
@@ -126,7 +126,7 @@ class PublisherWatch:
                 stamp_ns = -1  # every peer refuses it as well
             publishers.hear(about["publication_sequence_number"], stamp_ns, self._looked)
 
-        # As the recorder does: all that comes between two looks.
+        # The recorder's queue holds all that comes between two looks.
         kind, profile = message_class(topic.msgtype), recorded(topic)
         take: Take = hear
         subscription = self._ear.create_subscription(kind, name, take, profile, raw=True)

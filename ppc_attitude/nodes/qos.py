@@ -25,18 +25,18 @@ from ppc_attitude.contract.topics import (
 )
 
 # Publishers keep so many messages for a recorder that lags; the plant in lock-step never runs
-# further ahead of it (`runtime.pace`). Who joins late gets none of them.
+# further ahead of it (`runtime.pace`). A subscriber that joins late gets none of them.
 _KEPT = 5000
-# A peer reads all that is sent from now on. One that lags on a busy machine still answers so many
-# states, so the record has no gap.
+# A peer reads all that is sent from now on. If it lags on a busy machine, this queue still holds
+# the states to be answered, so the record has no gap.
 PEER = QoSProfile(
     depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE
 )
-# Who comes late reads what was kept for it as well; no publisher that keeps nothing fits that.
+# A subscriber that joins late also gets what was kept; a volatile publisher does not match it.
 LATE_PEER = QoSProfile(
     depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
-# An onlooker never holds up a publisher, and of what it missed it wants the newest only.
+# An onlooker never holds up a publisher, and needs the newest message only.
 ONLOOKER = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.VOLATILE
 )
@@ -45,7 +45,7 @@ ONLOOKER = QoSProfile(
 def published(topic: Topic) -> QoSProfile:
     """QoS that our publisher of a topic offers."""
     depth = _KEPT if topic.column else 1 if topic in (CLOCK_TOPIC, RECORDED_TOPIC) else 10
-    late = topic == GUIDANCE_STATUS  # who comes late gets the last ones
+    late = topic == GUIDANCE_STATUS  # a reader that comes late gets the last ones
     kept = DurabilityPolicy.TRANSIENT_LOCAL if late else DurabilityPolicy.VOLATILE
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=kept)
 

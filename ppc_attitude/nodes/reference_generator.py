@@ -27,7 +27,7 @@ from ppc_attitude.runtime.stamps import RefusedError, Values
 from ppc_attitude.science.references import goal
 from ppc_attitude.science.stamps import NANOSECONDS, seconds
 
-_STRIDE = 10_000 * NANOSECONDS  # the paper's motion is integrated over as much in 0.2 s
+_STRIDE = 10_000 * NANOSECONDS  # [ns] to integrate the paper's motion over it takes 0.2 s
 
 
 class ReferenceGenerator(ComponentNode):
@@ -71,9 +71,9 @@ class ReferenceGenerator(ComponentNode):
         return outputs
 
     def _catch_up(self, stamp_ns: int) -> None:
-        """Integrate what depends on time alone until it is near; meanwhile the node may be ended.
+        """Integrate a motion that depends on time alone in strides, between which the node may end.
 
-        A run that a node joins late, or a bridge whose clock began long before, leaves it days.
+        A node that joins a run late, or hears a bridge whose clock began long ago, may need days.
         """
         reached = self._reached if self._reached <= stamp_ns else 0
         while not self.chain.inputs and stamp_ns - reached > _STRIDE:
@@ -87,7 +87,7 @@ class ReferenceGenerator(ComponentNode):
         self._reached = stamp_ns
 
     def status(self) -> Status:
-        """As of any such node; a warning while the guidance warns of something."""
+        """Status of every component node, or a warning while the guidance has one."""
         status = super().status()
         concern = self._desk.concern if self._desk else ""
         if status.level == OK and concern:

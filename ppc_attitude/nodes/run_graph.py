@@ -55,15 +55,15 @@ _NAMES = {topic.name for topic in STANDARD}
 class RunGraph:
     """Topics of the nodes of some runs, as far as they can be recorded.
 
-    A node is of a run if it has the name of one of ours, or publishes on a topic of the contract,
-    one that the starter has told, or one that such a node reads, in the namespace of the run. The
-    topics between the nodes, and those that the starter has told, have a message at each instant;
-    nobody knows that of others.
+    A node belongs to a run if, in the run's namespace, it has the name of one of our nodes, or
+    publishes on a topic of the contract, on one that the starter has told, or on one that such a
+    node reads. Topics between the nodes, and those that the starter has told, have a message at
+    each instant; of other topics this is not known.
 
     Parameters
     ----------
     node : BaseNode
-        Who looks.
+        The node that looks at the graph.
     told : mapping of str to mapping of str to list of str
         For the namespace of each run, as ``/proposed`` or empty for that without a name: its nodes,
         and the topics that each sends at each instant, as far as the starter told.
@@ -140,11 +140,11 @@ class RunGraph:
 
 
 class ParameterSurvey:
-    """Ask every node of some runs for its parameters, when it appears: nobody else has told them.
+    """Ask every node of some runs for its parameters when it appears, if no starter has told them.
 
-    One that is started again is asked again: it may have others. After each answer `on_answer` gets
-    the namespace of the run, as of `RunGraph`, the node's name, its parameters, and since when it
-    may have been there, by the wall clock [s].
+    A node that is started again is asked again: its values may differ. After each answer
+    `on_answer` gets the namespace of the run, as of `RunGraph`, the node's name, its parameters,
+    and since when it may have been there, by the wall clock [s].
     """
 
     def __init__(
@@ -157,14 +157,14 @@ class ParameterSurvey:
         self._graph = graph
         self._on_answer = on_answer
         self._clients: dict[tuple[str, str], tuple[Any, Any]] = {}
-        # Namespace and name of who has answered, by what no two starts of a node have in common.
+        # Namespace and name of each node that has answered, by an id that is new at each start.
         self._answered: dict[bytes, tuple[str, str]] = {}
         self._since: dict[bytes, float] = {}
         # By the steady clock: simulated time, which a node may be told to use, may not have begun.
         node.create_timer(_PERIOD, self._ask, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _ask(self) -> None:
-        """Ask who has not answered; an answer is lost if its node ends amid the questions."""
+        """Ask nodes that have not answered; an answer is lost if its node ends meanwhile."""
         for end in self._node.get_publishers_info_by_topic(PARAMETER_EVENTS_TOPIC.name):
             who, start = (end.node_namespace.rstrip("/"), end.node_name), bytes(end.endpoint_gid)
             self._since.setdefault(start, time.monotonic() - _UNSEEN)
@@ -201,7 +201,7 @@ class ParameterSurvey:
         self._on_answer(*who, told, self._since[start])
 
     def close(self) -> None:
-        """Say who has not answered."""
+        """Name the nodes that have not answered."""
         if silent := sorted(map("/".join, self._graph.nodes.difference(self._answered.values()))):
             text = f"the parameters of {', '.join(silent)} are not on record: no answer yet"
             self._node.get_logger().warning(text)

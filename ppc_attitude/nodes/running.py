@@ -41,14 +41,14 @@ from ppc_attitude.science.errors import ConfigurationError
 
 _HELP = {"-h", "--help"}
 # To spin until a future is done spares lock-step a fifteenth of its time, but each such call of the
-# events executor loses 32 bytes for good, 2.7 GB a day of a node that wakes at 1 kHz. So it is for
-# full flow alone, when a node wakes ten times a second: there it is 27 MB a day.
+# events executor leaks 32 bytes, 2.7 GB a day in a node that wakes at 1 kHz. So it is used in full
+# flow alone, when a node wakes ten times a second: there the leak is 27 MB a day.
 _LOOK, _FLOW = 0.1, 60  # [s], and messages within that time
 RCLError: type[Exception] = rclpy_implementation.RCLError
 
 
 def stop_requests() -> list[int]:
-    """Collect the signals by which an end is asked for: a node ends between two messages."""
+    """Return a list that collects signals that ask for an end: a node ends between two messages."""
     requests: list[int] = []
     handle_ending(lambda number, frame: requests.append(number))
     take_signals()
@@ -101,7 +101,7 @@ def run_node(make: type[BaseNode], arguments: Sequence[str] | None = None) -> in
 
 @contextmanager
 def refusals_of_ros() -> Iterator[None]:
-    """Take what ROS refuses for bad input: logs that have no place, keys that are none."""
+    """Raise ConfigurationError for what ROS refuses: no place for logs, or invalid keys."""
     try:
         yield
     except RCLError as error:
@@ -171,6 +171,6 @@ def _spin(node: BaseNode, stop: list[int]) -> None:
         node.drain(executor)
     finally:
         node.close()
-        # Until it is shut down an executor uses what it waits for, and the last user destroys it:
-        # beyond the time that a node has to leave.
+        # Until its shutdown an executor holds what it waits for: that would be destroyed only after
+        # `leaving`, which bounds the time that an end may take.
         executor.shutdown()

@@ -138,7 +138,7 @@ class SpacecraftPlant(BaseNode):
         """Reach the next stamp [ns]."""
         self._state = self._motion.step(stamp_ns, self._acted)
         rate = self._state[TRUE_RATE.column]
-        if not sum(map(abs, rate)) <= LARGEST:  # NaN is not either
+        if not sum(map(abs, rate)) <= LARGEST:  # true for NaN, too
             why = first_raised((*self._acting.parts, *self._motion.parts))
             raise _FailedError(
                 f"diverged: angular velocity {rate} rad/s at {seconds(stamp_ns)} s{why}"
@@ -163,7 +163,7 @@ class SpacecraftPlant(BaseNode):
         self._tell_time()
 
     def _tell_time(self) -> None:
-        """Tell now and then how far it is, and so that it goes on."""
+        """Tell the starter the simulated time now and then, which shows that the run goes on."""
         if self.now() - self._told_at > _PROGRESS_PERIOD:
             self._told_at = self.now()
             tell(TIME, seconds(self.pace.stamp))
@@ -191,7 +191,7 @@ class SpacecraftPlant(BaseNode):
             self.wake_now()
 
     def _moved(self, move: Callable[..., Any], *values: Any) -> Any:
-        """Let the pace do something at the present time; see whether the craft goes on."""
+        """Call a method of the pace with the present time; end the node if the run is over."""
         try:
             result = move(*values, self.now())
         except _FailedError as reason:
@@ -207,7 +207,7 @@ class SpacecraftPlant(BaseNode):
         longest = super().wake()
         if self.finished:
             return longest
-        # At once, and not with the next step: a slow pace would keep that waiting.
+        # These two act at once and not with the next step, for which a slow pace may wait long.
         self.pace.rules.factor = self.parameters["real_time_factor"]
         self.pace.rules.timeout_ns = nanoseconds(self.parameters["command_timeout"])
         wait = self._moved(self.pace.wake)
@@ -238,16 +238,16 @@ class SpacecraftPlant(BaseNode):
 
 
 class _FailedError(Exception):
-    """The state is none of a craft any more; says why."""
+    """The state is no longer one that a craft can have; the message says why."""
 
 
 def _awaited(topic: Topic) -> str:
-    """Name under which `wait_for` has an input: all that is no disturbance is a command."""
+    """Name of an input in `wait_for`: every input but the disturbance counts as the command."""
     return DISTURBANCE.name if topic == DISTURBANCE else TORQUE_COMMAND.name
 
 
 def _check_pace(values: Mapping[str, Any]) -> None:
-    """See that somebody leaves the plant time for requests, and that no command is late at once.
+    """See that lock-step waits, so that requests are served, and that no command is late at once.
 
     Raises
     ------

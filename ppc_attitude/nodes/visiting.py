@@ -33,7 +33,7 @@ from ppc_attitude.nodes.running import check_name, refusals_of_ros
 from ppc_attitude.processes.exits import BROKEN, RunError
 from ppc_attitude.processes.leaving import leaving
 
-_PATIENCE = 30.0  # [s] to be found and to answer, for who is asked; a machine may be busy
+_PATIENCE = 30.0  # [s] for a node to be found and to answer; a machine may be busy
 _LOOK = 0.05  # [s] between two looks for an answer
 _AGAIN = 2.0  # [s] after which a question whose answer does not come is asked again
 
@@ -45,7 +45,7 @@ def visiting(name: str, namespace: str) -> Iterator[Node]:
     Raises
     ------
     ConfigurationError
-        The namespace is none, or the environment lets no node be, or none find another.
+        The namespace is invalid, or in this environment no node can start or find another.
     """
     home = absolute_namespace(namespace)
     check_discovery(os.environ)
@@ -93,7 +93,7 @@ def absolute_namespace(text: str) -> str:
 
 
 def no_state(namespace: str, patience: float) -> RunError:
-    """Return what is wrong if no state came within a time [s]: it tells where none came."""
+    """Return the error if no state came within a time [s]; it names namespace and domain."""
     domain = os.environ.get(DOMAIN) or "0"  # an empty one is none, as ROS reads it
     return RunError(
         f"no state{f' in {namespace}' if namespace else ''} within {patience:g} s "
@@ -107,14 +107,14 @@ def await_answer(
     complaint: str,
     ask: Callable[[], object] = lambda: None,
 ) -> None:
-    """Let a node work until a condition holds; it asks at the start, and again now and then.
+    """Let a node work until a condition holds; call `ask` at the start, and again now and then.
 
-    What is sent to a reader that does not know its sender yet is lost, also where it is reliable.
+    A message is lost if its reader does not know the sender yet, even with reliable QoS.
 
     Raises
     ------
     TimeoutError
-        It did not hold in time; says the complaint.
+        The condition did not hold in time; the message is the complaint.
     """
     begin = asked = time.monotonic()
     ask()
