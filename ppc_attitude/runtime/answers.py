@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A node's answers to the instants that come: each once, and a repeated one with the same."""
+"""A node's answers to instants: each is computed once, and a repeated instant gets the same one."""
 
 from collections.abc import Callable, Mapping
 
@@ -28,10 +28,10 @@ _SOONEST_START = 1.0  # [s] from a state at stamp zero to another one that begin
 class Answers:
     """Answers to the instants of a run, in the order in which they come.
 
-    What depends on time alone is sent one instant `ahead`, so that nobody has to wait for it. That
-    takes a period of whole nanoseconds that divides a second: only then every stamp is known
-    before its state comes. A stamp that was foreseen and never comes harms nobody, for all others
-    wait for the stamps of states. `begin_again` is told the stamp at which time has begun again.
+    Answers that depend on time alone are sent one instant `ahead`, so that nobody waits for them.
+    This needs a period of whole nanoseconds that divides a second: only then is every stamp known
+    before its state comes. A foreseen stamp that never comes does no harm, because all other nodes
+    wait for the stamps of states. `begin_again` gets the stamp [ns] at which time begins again.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Answers:
         self._answered_at = 0.0  # [s]
 
     def to(self, topic: Topic, stamp_ns: int, inputs: Inputs, now: float) -> dict[int, Outputs]:
-        """Answers by stamp [ns] that have to be sent for an instant that came at a time [s].
+        """Return the answers, by stamp [ns], to be sent for an instant that came at a time [s].
 
         Raises
         ------
@@ -79,7 +79,7 @@ class Answers:
             self._period = min(self._period or step, step)
         self._is_steady = 0 < step <= self._period + 1  # stamps are rounded
         stamps = [stamp_ns]
-        # After a step that is longer than others some states were lost, and the rhythm with them.
+        # A step that is longer than others has lost states: then the next stamp is not known.
         if self._ahead and step and step == self.period_ns:
             stamps.append(stamp_ns + step)
         new = {each: self._compute(each, inputs) for each in stamps if each not in self._sent}

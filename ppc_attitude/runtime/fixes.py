@@ -15,8 +15,8 @@
 """When an instant of the estimator is complete: its gyro sample is there, and the fix that is due.
 
 Every slot has one message, with or without a fix, so nobody has to guess whether one still comes.
-A fix that nobody waits for is used when it comes: of a tracker that is later than it says, or that
-has slots of its own.
+A fix that no sample waits for is used when it comes. It may be of a tracker whose latency is larger
+than its parameter, or that has slots of its own.
 """
 
 from collections.abc import Iterable, Iterator
@@ -29,26 +29,26 @@ from ppc_attitude.science.stamps import LARGEST_STEP, nanoseconds, seconds
 
 Parts = dict[str, Values]
 _PENDING = 100  # fixes that may be ahead of the samples
-_TOLD = 3  # of them that are told where another is waited for
+_TOLD = 3  # of them that the log names while a sample waits for another one
 
 
 class Fixes(Instant):
     """Join gyro samples and fixes to instants, in the order of the samples.
 
-    In lock-step a sample waits for its fix, since nothing else comes. In a loop that runs by itself
-    the first fix that does not come is waited for; from then on nobody waits, until the tracker is
-    heard again: until a fix comes that would not have been given up.
+    In lock-step a sample waits for its fix, because the plant sends nothing else. On the wall clock
+    a sample waits for a fix as long as `patience` says. After a fix was lost, no sample waits until
+    the tracker is heard again: until a fix comes that would have been in time.
 
     Parameters
     ----------
     slots : Slots
-        Which fix arrives when.
+        Which fix is due at which stamp.
     late : Topic
-        That of the fixes.
+        The topic of the fixes.
     names : iterable of str
-        What comes with every instant: together these are a sample.
+        Columns that come with every instant: together they are a sample.
     patience : float, optional
-        How much later [s] a sample may be than one that waits for its fix; then that is lost.
+        How much later [s] the newest sample may be than one that waits; then its fix is lost.
 
     Attributes
     ----------
@@ -161,7 +161,7 @@ class Fixes(Instant):
             yield stamp, {**self._samples.pop(stamp), self._late.column: row}
 
     def _unawaited(self, stamp_ns: int) -> int | None:
-        """Validity [ns] of the oldest new fix, if no sample from a stamp [ns] on is due with it."""
+        """Validity [ns] of the oldest unused fix up to a stamp [ns], if no slot still awaits it."""
         new = [each for each in self._fixes if self._used is None or each > self._used]
         if self._last is None or not new:
             return None

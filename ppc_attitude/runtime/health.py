@@ -39,7 +39,7 @@ class Health:
 
     def __init__(self, now: float) -> None:
         self.refused: Counter[str] = Counter()
-        self.time_ns = 0  # the latest stamp that was reported
+        self.time_ns = 0  # the latest stamp [ns]
         self._reported_refusals = 0
         self._last_log: dict[str, float] = {}
         self._active_at = self._reported_at = now
@@ -48,7 +48,7 @@ class Health:
         self._steps = 0
 
     def may_log(self, kind: str, now: float, period: float = _LOG_PERIOD) -> bool:
-        """True if a complaint of this kind has not been logged for a period [s]; it is now."""
+        """True if a complaint of this kind was not logged for a period [s]; it counts as logged."""
         due = now - self._last_log.get(kind, -period) >= period
         if due:
             self._last_log[kind] = now

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Torques that anyone injects: accepted or refused, and acting from a stamp on that can be told."""
+"""Torques that anyone injects: refused, or accepted with the stamps between which they act."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ from ppc_attitude.science.disturbances.pulses import pulse
 from ppc_attitude.science.stamps import ROUNDING, nanoseconds, seconds
 
 _MOST = 1000  # pulses that may be pending or active at a time
-_REMEMBERED = 100  # requests whose answers are kept for who asks again
+_REMEMBERED = 100  # requests whose answers are kept in case a request is repeated
 
 
 class Injections:
@@ -30,7 +30,7 @@ class Injections:
     Attributes
     ----------
     pulses : list of array of dtype `PULSE`
-        Those whose begin is known, one an array.
+        Pulses whose start is known, one in each array.
     accepted : int
         How many were accepted.
     """
@@ -56,10 +56,10 @@ class Injections:
     ) -> str:
         """Take a torque [N·m], body axes; say in words from when to when it acts.
 
-        It acts for a duration [s]. What would begin in the past [ns] begins now: at `next_ns`, the
-        first stamp whose torque has not been sent, as far as that is known. It acts from stamp to
-        stamp: where the time between two [ns] is known, not 0, the answer tells from which to
-        which. Who asks again by the name of a request gets its answer, and no torque more.
+        It acts for a duration [s]. If the start [ns] is past, it begins now: at `next_ns`, the
+        first stamp whose torque has not been sent, None if that is not known. A torque acts from
+        stamp to stamp; if their period [ns] is known (not 0), the answer tells from which to which.
+        A repeated request, recognised by its name, gets the same answer, and adds no torque.
 
         Raises
         ------
@@ -113,7 +113,7 @@ class Injections:
         return changed
 
     def begin_again(self) -> None:
-        """Forget the torques that were injected before time began again, and who asked for them."""
+        """Forget the torques and the requests of the time before time began again."""
         self.pulses.clear()
         self._beginning.clear()
         self._answers.clear()

@@ -30,10 +30,10 @@ from ppc_attitude.runtime.stamps import RefusedError, Values, out_of_order
 from ppc_attitude.science.stamps import ROUNDING, seconds, stamp_of, step_of
 
 _REPEAT_FIRST, _REPEAT_MOST = 0.2, 1.0  # [s] unanswered states are repeated after this
-_REBASE = 0.5  # [s] who is later than this goes on from now instead of catching up
+_REBASE = 0.5  # [s] a pace that is later than this goes on from now instead of catching up
 _LOOK = 0.1  # [s] longest time between two looks at the clock
 _LAG = 500  # steps that lock-step may be ahead of a recorder, which has to search what waits for it
-_LONG = 1.0  # [s] who has waited longer says so
+_LONG = 1.0  # [s] a longer wait is reported
 
 
 class Craft(Protocol):
@@ -70,7 +70,7 @@ class Rules:
 
     rate: float  # steps per second of simulated time [Hz]
     last_step: int | None  # at which the plant ends; None: never
-    inputs: Mapping[str, Values]  # name and zero of each; the first is the command, that must come
+    inputs: Mapping[str, Values]  # name and zero value; the first is the command, which must come
     wait_for: tuple[str, ...]  # lock-step waits for these; free-running at the beginning only
     waits: bool  # for a recorder; free-running: time begins with the first answer
     factor: float = 0.0  # lock-step: simulated seconds per second; 0: as fast as possible
@@ -83,7 +83,7 @@ class Rules:
 
 
 class _Input:
-    """Latest values of one input, and those that came for the instant to come."""
+    """Latest values of one input, and those that came early for the next instant."""
 
     def __init__(self, zero: Values) -> None:
         self.values = zero
@@ -94,12 +94,12 @@ class _Input:
         self.stamp, self.values = stamp_ns, values
 
     def keep(self, values: Values) -> None:
-        """Keep the first values of the instant to come."""
+        """Keep the first values that come for the next instant."""
         if self._next is None:
             self._next = values
 
     def reach(self, stamp_ns: int) -> None:
-        """Let that instant [ns] come."""
+        """Take over the kept values, because the next instant [ns] has come."""
         if self._next is not None:
             self.take(stamp_ns, self._next)
             self._next = None
@@ -108,8 +108,8 @@ class _Input:
 class Pace(ABC):
     """The base of both ways: the present instant, and the inputs that have come for it.
 
-    Of the rules, what does not concern the rate may change at any time. In every call `now` is the
-    time of the wall clock [s].
+    All rules but those about the rate may change at any time. In every call `now` is the time of
+    the wall clock [s].
     """
 
     mode = ""
@@ -131,8 +131,8 @@ class Pace(ABC):
         self._timed_out: set[str] = set()  # inputs that are zero because they are too old
         self._shown = False  # the present state has been published
         self._repeated: tuple[int, ...] = ()  # stamps [ns] that may be answered twice
-        # Who waited for a recorder leaves no first state before it tells that it has it, with the
-        # answers of every node, be they read by nobody: it, or one of them, may be late.
+        # With a recorder, time stays at the first state until the recorder tells that it has this
+        # state and the answers of every node: the recorder, or a node that none reads, may be late.
         self._recorded = -_LAG - 1 if self.rules.waits else None
         self.craft.begin()
 
@@ -170,7 +170,7 @@ class Pace(ABC):
         return self._recorded is not None and self.step - self._recorded > _LAG
 
     def _has_gone(self) -> bool:
-        """Whether there is no recorder any more that is waited for; then nobody waits for it."""
+        """Whether the recorder that time waits for has gone; then time waits for it no longer."""
         gone = self._lags() and not self.craft.is_published(RECORDED_TOPIC.name)
         if gone:
             self._recorded = None
@@ -182,7 +182,7 @@ class Pace(ABC):
 
     @abstractmethod
     def _accept(self, stream: _Input, stamp_ns: int, values: Values, now: float) -> bool:
-        """Take what is not of the future; True if `wake` has to be called."""
+        """Take a message that is not of the future; True if `wake` has to be called."""
 
     @abstractmethod
     def _missing(self) -> list[str]:
@@ -201,7 +201,7 @@ class Pace(ABC):
         return text + "".join(self._last(name) for name in missing if name not in absent)
 
     def _last(self, name: str) -> str:
-        """Tell the stamp of an input: its peer has fallen silent, or does not copy the states'."""
+        """Tell an input's last stamp: its peer is silent, or does not copy the states' stamps."""
         stamp_ns = self.inputs[name].stamp
         told = f"; the last {name} has the stamp {seconds(stamp_ns):.3f} s"
         return told if stamp_ns >= 0 else ""
@@ -263,7 +263,7 @@ class Pace(ABC):
         return OK, "running"
 
     def report(self, now: float) -> Status:
-        """How it goes, with numbers."""
+        """Status with its numbers."""
         details = {
             "steps": self.step,
             "rate [Hz]": self.rules.rate,
@@ -308,8 +308,8 @@ class Lockstep(Pace):
     def _ahead(self, now: float, stamp_ns: int) -> float:
         """Seconds by which a stamp [ns] is ahead of the pace that is asked for.
 
-        The pace counts from where it was chosen, or from where a long wait ended: nothing is
-        caught up or stands still because time went faster or slower before.
+        The pace counts from the stamp at which it was chosen or a long wait ended: so time neither
+        catches up nor stands still because it went slower or faster before.
         """
         if self.rules.factor != self._factor:
             self._factor, self._first, self._origin = self.rules.factor, self.stamp, now
@@ -360,7 +360,7 @@ class FreeRunning(Pace):
         awaited = bool(self._missing())
         stream.take(stamp_ns, values)
         if awaited:
-            self._origin = now  # time begins with the last first answer
+            self._origin = now  # time begins when every awaited input has come once
         return awaited
 
     def _missing(self) -> list[str]:

@@ -19,12 +19,12 @@ from dataclasses import dataclass
 
 from ppc_attitude.science.stamps import NANOSECONDS
 
-_ENOUGH = 20  # messages in turns with another's that make a publisher one that lives
-_MOST_AT_ONCE = 5  # of them that one return proves: a single one may be an error
+_ENOUGH = 20  # messages in turns with another's that prove two publishers alive
+_MOST_AT_ONCE = 5  # of them that one return to a count proves: a single return may be an error
 _LARGEST_STEP = NANOSECONDS  # from stamp to stamp: no plant runs at less than 1 Hz
 _REPEATS = 0.5  # [s] after which a stamp may come again: a flood of copies proves nothing
 _HEARD = 5.0  # [s] after its last message a second publisher counts as gone
-_NEW = 10.0  # [s] who was older than this when another came never gives way
+_NEW = 10.0  # [s] a node that was older than this when another came never gives way
 _TOLD = 3.0  # [s] from the proof on until everybody else has had time to find both and hear as much
 _MOST = 8  # publishers of one topic that are told apart
 
@@ -44,11 +44,11 @@ class Publishers:
 
     A node that was killed stays in the ROS graph for a while, and one that was restarted has its
     name. So the graph alone is no proof; it only gives the names. Every publisher counts its
-    messages: a new one begins to count anew, and two that live are known by returns to a count that
-    another had followed. A return proves the more the longer the stretches are that it joins, for a
-    busy machine delivers in bursts. Only messages whose stamps advance as time does count, and what
-    is repeated after a while, as by a plant whose peers follow another: bad messages make no
-    publisher.
+    messages, and a new one begins to count anew. So two are alive if the messages return to an
+    earlier publisher's count after another's. A return proves more if the stretches before and
+    after it are long, because a busy machine delivers in bursts. A message counts only if its stamp
+    advances as time does, or is repeated after a while, as by a plant whose peers follow another
+    plant. So bad messages prove no publisher.
     """
 
     def __init__(self) -> None:
@@ -64,13 +64,13 @@ class Publishers:
         """Take the publishers that the graph shows, with the names of their nodes.
 
         A name is empty where the graph does not know it yet.
-        The names of several are kept: who gives way first is soon in no graph.
+        The names of several are kept, because the node that gives way soon leaves the graph.
         """
         if len(nodes) > 1:
             self._seen_at = now if self._seen_at is None else self._seen_at
             self._nodes = {key: name or self._nodes.get(key, "") for key, name in nodes.items()}
         elif not self.lasts(now):
-            self._seen_at = None  # such as one that was killed: who comes next comes anew
+            self._seen_at = None  # the other has gone, for example killed: the next one is new
 
     @property
     def nodes(self) -> str:
@@ -81,7 +81,7 @@ class Publishers:
     def hear(self, number: int, stamp_ns: int, now: float) -> None:
         """Take the number that a publisher gave to a message, and the stamp [ns] in it."""
         known = self._known
-        goes_on = bool(known) and known[0].number == number - 1  # who spoke last
+        goes_on = bool(known) and known[0].number == number - 1  # from the one that spoke last
         turned = not goes_on and self._turn_to(number, stamp_ns, now)
         speaker = known[0]
         before = speaker.stamp_ns
@@ -94,7 +94,7 @@ class Publishers:
         speaker.number, speaker.stamp_ns, speaker.at = number, stamp_ns, now
 
     def _turn_to(self, number: int, stamp_ns: int, now: float) -> bool:
-        """Put first who gave this number: true for one who is known, false for a new one."""
+        """Put first the publisher of this number; True if it was known, False if it is new."""
         known = self._known
         for place, publisher in enumerate(known):
             if publisher.number == number - 1:
@@ -125,8 +125,8 @@ class Publishers:
     def gives_way(self, born: float, now: float) -> bool:
         """True if a node that publishes since a time [s] has to leave the topic to the other.
 
-        Who was new when the graph first showed several does, as soon as whoever else listens has
-        had time to hear enough of both.
+        A node that was new when the graph first showed several gives way, as soon as all other
+        listeners have had time to hear enough of both.
         """
         new = self._seen_at is not None and self._seen_at - born < _NEW
         return new and self.several and now - self._proved_at >= _TOLD

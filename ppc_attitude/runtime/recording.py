@@ -14,10 +14,10 @@
 
 """Which messages of a run are written when, and which are missing; without ROS and without a bag.
 
-The states lead. A message counts for the record when the state of its stamp has come: so what was
-sent ahead and never reached its instant is in no record, and makes no gap. What others send while
-no state comes is written all the same, and makes one. Whether a record is complete is judged while
-it grows, in memory that does not grow with it.
+The states lead: a message belongs to the record when the state with its stamp has come. So a
+message that was sent ahead for an instant that never comes is not recorded, and makes no gap. What
+other nodes send while no state comes is written all the same, and makes a gap. Whether a record is
+complete is judged while it grows, in memory that does not grow with it.
 """
 
 from collections import defaultdict
@@ -37,7 +37,7 @@ _LEAD = ATTITUDE.name
 _MOST_AHEAD = 200_000  # messages that may wait for their states: what publishers keep, and more
 _EVERY = 100  # states between two reports of how far the record has come
 _REMEMBERED = 50_000  # states: a reader keeps as many messages, which may come after their states
-_JOINS = 2.0  # [s] by the wall clock in which who joins a run may hear others and no state
+_JOINS = 2.0  # [s] by the wall clock in which a recorder that joins a run may hear no state yet
 _FEW = 10  # instants beyond the last state: a stranger's stamps, or the last answers
 _FIRST = 9  # steps whose median is the rhythm: the first one alone may be of any length
 _MOST_JUMPS = 5  # that are told one by one
@@ -54,7 +54,8 @@ class _Rhythm:
         self._weighed = self._steady = self._jumped = 0
         self._jumps: list[str] = []
         self._last = 1.0  # the last step, in periods
-        self._long: tuple[int, int, float] | None = None  # a long one; how long with the one before
+        # A long step from stamp to stamp [ns], and its length with the step before, in periods.
+        self._long: tuple[int, int, float] | None = None
 
     def add(self, last: int, stamp_ns: int) -> None:
         """Take a step from one stamp [ns] to the next."""
@@ -76,7 +77,7 @@ class _Rhythm:
         self._steps.clear()
 
     def _settle(self, ratio: float) -> None:
-        """Count a long step whose state before it is lost, not late.
+        """Count a long step if a state within it is lost, and not if one was only late.
 
         With the steps beside it, it takes 3 periods if a state was only late, and 4 if one is lost.
         """
@@ -100,7 +101,7 @@ class _Rhythm:
 
 @dataclass(slots=True)
 class _Stretch:
-    """The samples of a topic, one an instant, written between two beginnings of time."""
+    """The samples of a topic, one for each instant, written between two beginnings of time."""
 
     count: int = 0
     total: int = 0  # sum of the stamps: equal counts with other stamps give another sum
@@ -161,8 +162,8 @@ class Recording:
     def event(self, name: str, stamp_ns: int | None, data: bytes, with_state: bool = False) -> None:
         """Write a message that is no sample, at its own time or at that of the newest state.
 
-        What the plant sends `with_state` comes again with a state that it repeats: with one stamp
-        it is one message. Of others a stamp of zero is none: what they order acts from now on.
+        A message that the plant sends `with_state` comes again when the plant repeats the state,
+        and counts once. In other messages a zero stamp means none: their orders act from now on.
         """
         if with_state and stamp_ns is not None:
             if self._with_state.get(name) == data:
@@ -183,9 +184,9 @@ class Recording:
     ) -> None:
         """Write a sample when its state has come; `now` is the time of the wall clock [s].
 
-        What its node sends `ahead` may be of an instant that is skipped, and is in no record then.
-        The stamp [ns] is None where none can be read. The number is the one that the publisher gave
-        the message, and None where the middleware does not tell it.
+        A sample that its node sends `ahead` may be of an instant that is skipped; then it is not
+        recorded. The stamp [ns] is None if it cannot be read. The number is the one that the
+        publisher gave the message, and None if the middleware does not tell it.
         """
         if stamp_ns is None or stamp_ns < 0:
             self.event(name, stamp_ns, data)
@@ -208,9 +209,9 @@ class Recording:
         lane.heard = stamp_ns
         epoch, present = lane.epoch, lane.stretches[-1]
         if (stamp_ns, data) in (present.last, present.before):
-            if name == _LEAD:  # who repeats a state waits, and maybe for this record alone
+            if name == _LEAD:  # a plant that repeats a state waits, maybe for this record alone
                 self._unreported = _EVERY
-            return  # or it is a peer's repeated answer to one
+            return  # or it is a peer's repeated answer to a repeated state
         if name == _LEAD:
             self._keep(name, epoch, stamp_ns, data)
             self._lead(stamp_ns, now)
@@ -231,7 +232,7 @@ class Recording:
             self._with_state.clear()
 
     def _take_back(self, name: str, lane: _Lane) -> None:
-        """Go on after messages without a stamp, as of `ros2 topic pub`: no time has begun again."""
+        """Undo a restart: its stamps of zero were none, as of `ros2 topic pub`; time goes on."""
         waiting = self._ahead.get((lane.epoch, 0), [])
         lane.surplus += lane.stretches.pop().count
         for stray in [each for each in waiting if each[0] == name]:
@@ -264,7 +265,7 @@ class Recording:
     def _lead(self, stamp_ns: int, now: float) -> None:
         """Take a state that is written, and write the messages that were ahead of it."""
         present = self._states.epoch, stamp_ns
-        # Who joins a run hears answers to states that it has not heard: they are left out.
+        # A recorder that joins a run hears answers to states that it has missed: left out.
         is_first = self._states.stretches[-1].count == 1
         if stamp_ns:  # at zero the time before may still go on, and what waits is part of it
             self._pass(present, joins=is_first and now < self._heard + _JOINS)
@@ -304,16 +305,16 @@ class Recording:
         self._write(name, stamp_ns, data)
 
     def began(self, names: Iterable[str], since: float) -> int | None:
-        """Stamp [ns] of what a node first sent on topics, if it began to send since a time [s]."""
+        """First stamp [ns] of a node on its topics, if it began to send since a time [s]."""
         newest = (self._lanes[name].publishers.newest for name in names if name in self._lanes)
         return min((begun[1] for begun in newest if begun and begun[0] >= since), default=None)
 
     def end(self) -> None:
-        """Leave out what comes of later instants than the newest state."""
+        """Ignore, from now on, messages of later instants than the newest state."""
         self._end = self.now
 
     def missing(self, awaited: Iterable[str]) -> list[str]:
-        """Topics of some that have not come since time began, once a state has."""
+        """Awaited topics that have not come since time began; none before the first state."""
         if self._begun or self.now < 0:
             return []
         come = {
@@ -324,11 +325,11 @@ class Recording:
         return sorted({*awaited} - come)
 
     def progress(self, awaited: Iterable[str] = ()) -> int | None:
-        """Newest recorded state [ns], once in a while, so that a plant that waits may go on.
+        """Newest recorded state [ns], now and then, so that a plant that waits may go on; or None.
 
-        The first time it is told as soon as the topics have come that are awaited. After a repeated
-        state it is told at once: the plant may have waited for a recorder that was killed, and lets
-        this one, which began later, record no state more.
+        It is told for the first time as soon as all awaited topics have come. After a repeated
+        state it is told at once, because the plant may still wait for an earlier recorder that was
+        killed, and then sends no new state to this one.
         """
         if not self._begun and self.now >= 0 and not self.missing(awaited):
             self._begun, self._unreported = True, _EVERY
@@ -338,11 +339,11 @@ class Recording:
         return self.now
 
     def gaps(self, expected: Iterable[str]) -> list[str]:
-        """Describe what is missing, or not of one node alone, at the end; empty if nothing is.
+        """Describe, at the end, what is missing or came from several nodes; empty if nothing is.
 
         The expected topics must have come, once a state has been answered. A run that is stopped
-        may lack the answers to its last state; after a reset of the plant time begins again: what
-        came before is compared by itself.
+        may lack the answers to its last state. After a reset of the plant time begins again, and
+        what came before is compared by itself.
         """
         states = self._states.stretches
         if self.now >= 0 and len(self._ahead) > _FEW:  # states come no more, and others go on

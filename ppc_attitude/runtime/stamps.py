@@ -57,9 +57,9 @@ class StampGuard:
 
     A stamp that goes back, or leaps ahead by more than `LARGEST_STEP`, is refused as out of order,
     unless time has begun again: at stamp zero, or when `CONFIRMATIONS` messages in a row agree on
-    the other time. A plant in lock-step cannot go on without an answer: that it repeats a state
-    counts as agreement too, but no sooner than after `SOONEST_REPEAT`, as copies of a flood come.
-    Beyond `LATEST` none is accepted.
+    the other time. A plant in lock-step cannot go on without an answer, so a state that it repeats
+    counts as agreement too, if it comes after `SOONEST_REPEAT`: the copies of a flood come sooner.
+    No stamp beyond `LATEST` is accepted.
     """
 
     CONFIRMATIONS = 3
@@ -141,7 +141,7 @@ class Instant:
     def take(
         self, name: str, stamp_ns: int, values: Values, now: float
     ) -> Iterable[tuple[int, dict[str, Values]]]:
-        """Take a message that came at a time [s]; the instants [ns] that are complete with it."""
+        """Take a message that came at a time [s]; return the instants [ns] that it completes."""
         if not self._parts:
             self.waiting_since = now
         self._heard_at = now
