@@ -58,7 +58,7 @@ def encode_changes(changes: Iterable[Change]) -> Iterator[tuple[int, bytes]]:
 
 
 def decode_changes(data: bytes) -> list[Change]:
-    """Changes that a message tells; rosbags raises many types for bytes that are none."""
+    """Changes that a message tells; rosbags raises many types of errors for other bytes."""
     message: Any = jazzy().deserialize_cdr(data, CHANGES_TOPIC.msgtype)
     stamp_ns = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
     return [

@@ -77,8 +77,8 @@ class Collected:
                 kept += [(arrival, row.tobytes()) for arrival, row in taken]
             for name, topic in self._uses(channel):
                 stamps, values, readable = decode_rows(topic, channel.msgtype, rows)
-                readable &= stamps >= 0  # every node refuses what was before time
-                if channel.msgtype == topic.msgtype:  # another type has another header's frame
+                readable &= stamps >= 0  # every node refuses a negative stamp
+                if channel.msgtype == topic.msgtype:  # other types have other frames
                     self._look_at_frames(channel.topic, Codec(topic), rows, readable)
                 told = stamps[readable]
                 received = block.time[indices] if (told == told[:1]).all() else None
@@ -101,12 +101,12 @@ class Collected:
             self._strange[name] = count + int(others.sum()), told
 
     def series(self, namespace: str, types: Mapping[str, str]) -> dict[Topic, Series]:
-        """Messages of the run in a namespace; what was collected is given away.
+        """Messages of the run in a namespace, which are kept here no longer.
 
         The types are those of all topics of the bag, by absolute name.
         """
         found = {}
-        unstamped = False  # the run: its attitude tells
+        unstamped = False  # whether the attitude, and with it the run, counts by receipt
         for topic in SAMPLED:
             name = f"{namespace}/{topic.name}"
             parts = self._parts.pop(name, [])
@@ -125,7 +125,7 @@ class Collected:
 
     def _look_at_norms(self, name: str, values: Array) -> None:
         """Count the quaternions that a node would have refused; zeros are no estimate."""
-        with np.errstate(over="ignore"):  # that of any numbers
+        with np.errstate(over="ignore"):  # the numbers may be any
             norms = np.linalg.norm(values, axis=1)
         off = norms[(np.abs(norms - 1.0) > UNIT_TOLERANCE) & (norms > 0.0)]
         if off.size:
@@ -135,7 +135,7 @@ class Collected:
     def _joined(
         self, name: str, msgtype: str, parts: list[Series], unstamped: bool
     ) -> tuple[Series, bool]:
-        """Join parts to one series; say if all had one stamp or none, so that receipt counts."""
+        """Join parts to one series; tell if the times of receipt take the place of its stamps."""
         stamps = np.concatenate([part.stamps for part in parts])
         values = np.concatenate([part.values for part in parts])
         arrival = np.concatenate([part.arrival for part in parts])
@@ -158,7 +158,7 @@ class Collected:
         """Arrival of each change in flight, and the change; messages that are none are counted."""
         name = f"{namespace}/{CHANGES_TOPIC.name}"
         found: list[tuple[int, Change]] = []
-        for arrival, data in sorted(self._changes.get(name, [])):  # a block has them by length
+        for arrival, data in sorted(self._changes.get(name, [])):  # a block sorts them by length
             try:
                 found += [(arrival, change) for change in decode_changes(data)]
             except Exception:  # whatever rosbags raises
@@ -166,7 +166,7 @@ class Collected:
         return found
 
     def warnings(self, namespace: str) -> list[str]:
-        """Say which topics of the run hold messages that are none, or are read otherwise."""
+        """Say which topics of the run hold messages that are unusable, or read in another way."""
         found = [
             (name, f"{n} messages of {name} cannot be used") for name, n in self._unreadable.items()
         ]

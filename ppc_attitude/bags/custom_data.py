@@ -38,7 +38,7 @@ _RUN_INFO = (  # what a starter may tell, what that is of each node, and in word
 
 
 def custom_data_of(said: Any) -> dict[str, str]:
-    """Custom data in what the metadata of a bag, or what stands for them, say."""
+    """Custom data in the parsed metadata of a bag, or in its mark of an unfinished bag."""
     custom = said.get("custom_data") if isinstance(said, dict) else None
     return {str(k): str(v) for k, v in custom.items()} if isinstance(custom, dict) else {}
 
@@ -57,7 +57,7 @@ def custom_data_in(metadata: str) -> dict[str, str]:
 class RunFacts(NamedTuple):
     """Controller, parameters by node and metadata of a run.
 
-    The flaws are what of it cannot be read, and why, and what its recorder knew to be incomplete.
+    The flaws say which facts cannot be read and why, and what the recorder knew to be incomplete.
     """
 
     controller: str
@@ -128,7 +128,7 @@ def decode_custom_data(custom_data: Mapping[str, str], namespace: str) -> RunFac
 
 
 def usable(node: str, values: Mapping[str, Any], flaws: list[str]) -> dict[str, Any]:
-    """Return parameters of a node, of those that we know only such as the node could have."""
+    """Return the parameters of a node, without known ones of a value that it could not have."""
     left = dict(values)
     for known in PARAMETERS.get(node, ()):
         try:
@@ -156,7 +156,7 @@ def of_namespace(nodes: Mapping[str, Any], namespace: str) -> dict[str, Any]:
 
 
 def _told(custom_data: Mapping[str, str], key: str, kind: Any, flaws: list[str]) -> Any:
-    """Content of a text, of one kind; an empty one where there is nothing such."""
+    """Content of a JSON text if it is of one kind, such as dict; else an empty one of that kind."""
     try:
         value = all_printable(parsed_json(custom_data.get(key, "null")))
     except ValueError as error:

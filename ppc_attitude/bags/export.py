@@ -43,14 +43,14 @@ from ppc_attitude.science.errors import needed_by
 
 _AXES = "xyzw"
 _ROWS = 10_000
-# What the columns of changed parameters may take: so much, and so many times what the samples do.
+# Room of the columns of changed parameters: `_SMALL`, and `_TIMES` the room of the samples.
 _SMALL, _TIMES = 64 * 2**20, 8  # [B]
 _CELL = 8  # bytes beside a text
 _NAMED = 3  # of those left out
 
 
 def export(record: RunRecord, target: Path) -> str:
-    """Write a run in the format of the file's suffix, ``.csv`` or ``.parquet``, as they do."""
+    """Write a run as Parquet or CSV, by the file's suffix; see `export_parquet`, `export_csv`."""
     return (export_parquet if target.suffix == ".parquet" else export_csv)(record, target)
 
 
@@ -165,7 +165,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _cells(column: Any) -> list[Any]:
-    """What of a column is written; nothing for NaN."""
+    """Cells of a column as they are written; None, an empty cell, for NaN."""
     if isinstance(column, list):
         return column
     return [None if isnan(number) else number for number in column.tolist()]

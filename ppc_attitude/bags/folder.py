@@ -99,21 +99,21 @@ class Bag:
             raise BagError(f"{self.path} cannot be read: {error.strerror}") from error
         promised, found = self._information.get("message_count"), self.counts.total()
         if isinstance(promised, int) and promised != found:
-            self.damaged |= not self.flaws  # else they tell what the others were
+            self.damaged |= not self.flaws  # else these explain the difference
             self.flaws.append(f"{METADATA} promises {promised} messages, {found} are there")
 
     def _blocks_of(
         self, source: Source, allowance: Allowance
     ) -> Iterator[tuple[Mapping[int, Channel], Block]]:
         for raw in merge_blocks(source.blocks()):
-            # The metadata say so too, where there are any.
+            # The metadata, if there are any, also say whether messages are compressed.
             block = decompressed(raw, allowance) if are_compressed(raw) else raw
             for key, met in zip(*np.unique(block.channel, return_counts=True), strict=True):
                 self.counts[source.channels[int(key)].topic] += int(met)
             yield source.channels, block
         for channel in source.channels.values():
             msgtype = self.topics.setdefault(channel.topic, channel.msgtype)
-            self.damaged |= msgtype != channel.msgtype  # a copy would have one of both
+            self.damaged |= msgtype != channel.msgtype  # a copy would have only one of both types
             self.counts.setdefault(channel.topic, 0)
         if source.cut:
             self.flaws.append(source.cut)

@@ -29,7 +29,7 @@ from ppc_attitude.bags.errors import BagError
 # A compressed file may become so many times its size on disk, and so much more [B].
 UNFOLDS, SMALL = 100, 16 * 2**20
 _PIECE = 2**20
-_LARGEST_WINDOW = 2**31  # of zstd; it takes a frame that was packed at once for one window
+_LARGEST_WINDOW = 2**31  # [B] of zstd: a frame that was packed in one call is a single window
 _KINDS = {stat.S_IFLNK: "a symbolic link", stat.S_IFIFO: "a FIFO", stat.S_IFDIR: "a folder"}
 
 
@@ -52,7 +52,7 @@ def plain_file(path: Path) -> BinaryIO:
     Raises
     ------
     BagError
-        It is none, or has so many holes that it is much larger than what is on disk.
+        It is no plain file, or has so many holes that it is much larger than what is on disk.
     """
     demand_plain(path)
     file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb")
@@ -93,7 +93,7 @@ class Allowance:
         Raises
         ------
         BagError
-            That is more than the size of the file lets expect.
+            That is more than the size of the file allows.
         """
         self._left -= count
         if self._left < 0:
@@ -122,7 +122,7 @@ def unzstd(source: bytes | memoryview | BinaryIO, allowance: Allowance) -> Itera
 
 
 def unlz4(data: bytes | memoryview, size: int, allowance: Allowance) -> bytes:
-    """Content of an lz4 frame of `size` bytes, as far as it is whole; a larger one gives one more.
+    """Content of an lz4 frame, as far as it is whole; one byte beyond `size` if it has more.
 
     Raises
     ------

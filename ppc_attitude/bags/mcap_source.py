@@ -42,7 +42,7 @@ _RECORD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQI")  # first and last time, uncompressed size, CRC
 _MESSAGE_HEAD = 22  # bytes of a message record before the payload
 _SMALLEST_MESSAGE = _RECORD.size + _MESSAGE_HEAD
-_WINDOW = 2**16  # read again as often as bare messages are interrupted
+_WINDOW = 2**16  # bytes to read at a time; where bare messages end, the rest is read again
 _LONGEST_FLAW = 1_000  # characters
 _LONGEST_END = 2**20  # bytes of a record outside a chunk that may have been cut
 
@@ -70,7 +70,7 @@ class McapSource:
         self.cut = ""
         self.damaged = False
         self._schemas: dict[int, str] = {}
-        self._size = path.stat().st_size  # of a bag being recorded what is there now is read
+        self._size = path.stat().st_size  # a bag that is being recorded is read up to here
         if self._size == 0:
             raise BagError(f"{path} holds nothing")
         self._file = plain_file(path)
@@ -155,7 +155,7 @@ class McapSource:
         return self._block(data, table[:, :count])
 
     def _chunk(self, content: bytes, length: int) -> Iterator[Block]:
-        """Messages of a chunk of a length, as many as there are whole."""
+        """Yield the whole messages of a chunk, whose record has a length."""
         complete = len(content) == length
         if not complete and len(content) < _CHUNK_HEAD.size + 4:
             return

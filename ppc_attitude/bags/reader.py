@@ -50,7 +50,7 @@ def read_run(
 ) -> RunRecord:
     """Read a run from a bag.
 
-    Of several messages of a topic with one stamp the first counts. If the plant's clock went
+    If several messages of a topic have one stamp, the first counts. If the plant's clock went
     back, what came before is left out, with a warning. Memory beyond the result is a few blocks
     of the bag, one topic, and 16 bytes a message.
 
@@ -92,7 +92,7 @@ def read_run(
 
 
 def read_runs(path: Path | str, topics: Mapping[str, str] | None = None) -> list[RunRecord]:
-    """Read every run of a bag, by namespace in alphabetical order; each of several names its own.
+    """Read every run of a bag, sorted by namespace; if there are several, each `source` names it.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def read_runs(path: Path | str, topics: Mapping[str, str] | None = None) -> list
     """
     names = _checked(topics or {})
     bag = Bag(path)
-    collected = _collect(bag, None, names, or_ours=True)  # of several bags some may have ours
+    collected = _collect(bag, None, names, or_ours=True)  # some of several bags may have our names
     homes = [] if names else _run_namespaces(bag)
     records = [_record(bag, collected, home) for home in homes or [_only_namespace(bag, names)]]
     if len(records) == 1:
@@ -161,7 +161,7 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
     cut = [*bag.flaws, f"{recovered} (since recovered)"] if recovered else bag.flaws
     parameters = facts.parameters
     again = any((each.node, each.name) == (PLANT, ENABLED) for _, each in changes)
-    # A plant that was started again may have another rate; what is aligned is given away.
+    # A plant that was started again may have another rate; `align` empties what it is given.
     for messages in (dict(series), series) if again else (series,):
         plant = parameters.get(PLANT, {})
         rate, duration = plant.get("rate"), plant.get("duration")
@@ -211,7 +211,7 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
         changes=tuple(
             each
             for each, old in told(in_flight, parameters)
-            if each.value != old or each.name == ENABLED  # then a node began anew, also once more
+            if each.value != old or each.name == ENABLED  # which also marks that a node began anew
         ),
         metadata=facts.metadata,
         warnings=tuple(map(printable, warnings)),
@@ -225,9 +225,9 @@ def _of_last_epoch(
 ) -> tuple[Mapping[str, Mapping[str, Any]], list[Change]]:
     """Parameters with which the last epoch began, and what was changed during it.
 
-    When time begins again a node tells anew, at that stamp, all that it has told. Such a message
-    may be written before the state, and what the node told before it after the state. What a node
-    was started again with, the recorder tells only once, when it hears of it.
+    When time begins again, a node publishes all its earlier changes again, with that stamp. In the
+    bag such a message may come before the state, and an older message of the node after it. The
+    parameters of a restarted node are told only once, by the recorder, when it hears of them.
     """
     if timeline.begun is None:
         return parameters, [change for _, change in changes]
@@ -247,13 +247,13 @@ def _of_last_epoch(
                 began[node][name] = change.value
     for node, name in first.keys() & {(node, name) for node, own in began.items() for name in own}:
         began[node][name] = first.pop((node, name)).value
-    # Whoever is enabled as time begins again begins with it: that changes nothing in flight.
+    # A node that is enabled as time begins again starts that way: nothing changes in flight.
     first = {key: each for key, each in first.items() if key[1] != ENABLED or not each.value}
     return began, [*first.values(), *chain(*later.values())]
 
 
 def _by_namespace(bag: Bag) -> dict[str, set[Topic]]:
-    """Topics of the contract that the bag has messages of, by the namespaces of a reading."""
+    """Topics of the contract that the bag has messages of, by namespace, for every reading."""
     topics: dict[str, set[Topic]] = {}
     for name, msgtype in bag.topics.items():
         if bag.counts.get(name):

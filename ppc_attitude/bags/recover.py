@@ -110,7 +110,7 @@ def _new_folder(work: Path) -> Iterator[Path]:
 
 
 def _put_beside(cut: Bag, folder: Path, work: Path) -> Recovery:
-    """Leave a bag as it is that may hold more than can be read."""
+    """Write the copy beside a bag that may hold more than can be read; that stays as it is."""
     whole = folder.resolve()
     target = whole.with_name(f"{whole.name}.recovered")
     if os.path.lexists(target):
@@ -151,7 +151,7 @@ def _copy(bag: Bag, copy: Path, cut: Bag) -> Recovery:
             for channel in channels.values():
                 if channel.topic in announced:
                     continue
-                # Of a type that nobody knows nothing is lost if it has no message.
+                # A topic of an unknown type is left out if it has no message: nothing is lost.
                 if cut.counts.get(channel.topic) or writer.knows(channel.msgtype):
                     _announce(writer, channel)
                     announced.add(channel.topic)

@@ -31,8 +31,8 @@ from ppc_attitude.contract.topics import CHANGES_TOPIC, CLOCK_TOPIC
 def write_run(record: RunRecord, path: Path | str, *, storage: str = "mcap") -> None:
     """Write a run as the recorder would: every sample a message, received at its stamp.
 
-    A sample that is all NaN is a message that is not there. The folder must not exist yet; there is
-    none either if a request to end comes meanwhile.
+    A sample of NaN alone stands for a missing message. The folder must not exist yet; it is removed
+    again if a request to end comes meanwhile.
 
     Raises
     ------

@@ -39,7 +39,7 @@ class Channel(NamedTuple):
 
 
 class Block(NamedTuple):
-    """Consecutive messages, at least one: where each lies in `data`, whose it is, when it came."""
+    """Consecutive messages, at least one: channel, time of receipt [ns], and place in `data`."""
 
     data: Bytes
     channel: Integers

@@ -59,7 +59,7 @@ _JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
 
 
 class SqliteSource:
-    """A SQLite file; of a finished one, which nobody writes any more, no journal is its own.
+    """A SQLite file; nobody writes a finished one any more, so no journal belongs to it.
 
     It stays open up to the end of `blocks`, so that a finished one may be removed as soon as this
     is made.
@@ -100,7 +100,7 @@ class SqliteSource:
         """
         last = _BELOW_ALL_IDS
         with contextlib.closing(self._database):
-            for which in (_ANY, _GOOD):  # to look at each message takes longer
+            for which in (_ANY, _GOOD):  # the check of each message takes longer: it comes second
                 try:
                     while block := self._block(last, which):
                         last, found = block
@@ -213,7 +213,7 @@ class SqliteSource:
 
 
 def _integers(text: str) -> Integers:
-    """Integers in a text; none if one of them is none."""
+    """Integers in a text; an empty array if a part of it is no integer."""
     try:
         return np.fromstring(text, np.int64, sep=",")
     except ValueError:
@@ -246,7 +246,7 @@ def _only_reading_of_tables(
 
 
 def _demand_table(database: sqlite3.Connection, table: str) -> None:
-    """Refuse a table whose rows do not lie in the file but are made up on the way."""
+    """Refuse a table whose rows are not stored in the file but computed when they are read."""
     query = "SELECT type, rootpage FROM sqlite_master WHERE name = ? COLLATE NOCASE"
     for kind, root in database.execute(query, (table,)):
         if kind != "table" or not root:
@@ -262,7 +262,7 @@ def _demand_table(database: sqlite3.Connection, table: str) -> None:
 def _bytes_of_torn_page(path: Path) -> int:
     """Size of an incomplete last page, the rest of which SQLite would read as zeros."""
     page = int.from_bytes(_head(path)[16:18], "big")
-    # The format writes 65536 as 1; the header of no database may say anything.
+    # The format writes 65536 as 1; a file that is no database may say anything here.
     page = 65536 if page == 1 else page
     return path.stat().st_size % page if page else 0
 
@@ -330,7 +330,7 @@ def _settled(path: Path, folder: Path, *, journals: bool) -> Path:
         if journal.name.endswith(_JOURNAL) and _names_a_file(journal):
             journal.unlink()
     most = sum(file.stat().st_size for file in folder.iterdir())
-    # What is no database is for its reader to tell.
+    # If the file is no database, its reader says so.
     with (
         contextlib.suppress(sqlite3.Error),
         contextlib.closing(sqlite3.connect(target)) as database,

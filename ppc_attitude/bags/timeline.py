@@ -39,7 +39,7 @@ from ppc_attitude.science.stamps import NANOSECONDS, seconds
 # A message that comes late is followed within so many by one that is newer than all before;
 # the stamps of a plant that was reset stay behind for longer.
 _LONGEST_DELAY = 3
-# Each costs a look at all stamps that follow; who leaps more often has no rhythm to go on with.
+# Each costs a look at all stamps that follow; a topic that leaps more often has no rhythm.
 _MOST_LEAPS = 100
 # Periods within this ratio of each other, either way, are those of one rhythm with some losses.
 _SAME_RHYTHM = 1.5
@@ -50,7 +50,7 @@ _RAGGED_END = NANOSECONDS  # [ns]
 # More missing instants than this times the messages of a topic, on average, are not filled in with
 # NaN: a bag with messages of one topic only would take fifty times its size.
 _LARGEST_FILL = 10
-# The motion goes on whether or not it is told: of these a sample that is held soon says nothing.
+# The motion goes on between messages: so a sample of these that is held soon says nothing.
 _MOTION = (ANGULAR_VELOCITY, TRUE_ATTITUDE, TRUE_RATE)
 
 
@@ -61,7 +61,7 @@ class Series:
     stamps: Integers  # [ns]
     values: Array  # a row each
     arrival: Integers  # their places in the bag, increasing
-    received: Integers | None = None  # when [ns], where none has a stamp, or all have one
+    received: Integers | None = None  # times [ns], if none has a stamp, or all have the same
 
     def __getitem__(self, which: slice | Integers | NDArray[np.bool_]) -> "Series":
         """Some of the messages."""
@@ -78,7 +78,7 @@ class Timeline:
     missing: Mapping[str, int]
     held: frozenset[str]
     warnings: tuple[str, ...]
-    begun: int | None  # when the state arrived at which time began again, if it did
+    begun: int | None  # place in the bag of the state at which time began again, if it did
 
 
 def align(
@@ -151,7 +151,7 @@ def _master(series: Mapping[Topic, Series]) -> Topic:
 def _hold(series: dict[Topic, Series], master: Topic, warnings: list[str]) -> frozenset[Topic]:
     """Put topics with stamps of their own on the master's: at each instant the latest counts.
 
-    The motion is not known any more long after its last message.
+    Rates and the truth are unknown from some time after their last message on.
     """
     stamps, held = series[master].stamps, set()
     for topic, messages in series.items():
@@ -208,9 +208,9 @@ def _keep_last_epoch(series: dict[Topic, Series], master: Topic, warnings: list[
     for topic, messages in series.items():
         firsts = np.searchsorted(messages.arrival, plant.arrival[resets])
         first = int(firsts[-1])
-        if first:  # two who answer at once, one of them late, make a topic go back elsewhere too
+        if first:  # two that answer at once, one of them late, make a topic go back elsewhere too
             own = np.array(_resets(messages.stamps), np.int64)
-            # One that comes seldom does not go back at every reset: not to one before the last.
+            # A rare topic need not go back at every reset: jumps near an earlier one do not count.
             nearer = firsts[firsts < first][-1:]
             own = own[(2 * own > first + nearer) if nearer.size else slice(None)]
             if own.size:
@@ -327,7 +327,7 @@ def _complete(
 
 
 def _with_breaks(stamps: Integers, warnings: list[str]) -> Integers:
-    """Put an instant of which nothing is known into each long step of those that vary."""
+    """Put an instant without samples into each long step, where steps vary."""
     steps = np.diff(stamps)
     low, high = (seconds(int(each)) for each in (steps.min(), steps.max()))
     warnings.append(
@@ -360,7 +360,7 @@ def _without_ragged_end(stamps: Integers, series: Mapping[Topic, Series], most: 
 
 
 def _spread(messages: Series, stamps: Integers) -> tuple[Array, int, int]:
-    """Column on the timeline, number of instants without and of messages beside the timeline."""
+    """Column on the timeline, number of instants without message, and of messages off it."""
     if np.array_equal(messages.stamps, stamps):
         return messages.values, 0, 0
     place, inside = _places(messages.stamps, stamps)

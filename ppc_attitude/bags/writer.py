@@ -70,7 +70,7 @@ def offered_qos(
 class BagWriter:
     """Writer of one bag, in a folder that must not exist yet; any thread may call it.
 
-    The custom data say of the run what `custom_data.encode_custom_data` does.
+    The custom data are facts about the run, made by `custom_data.encode_custom_data`.
 
     Raises
     ------
@@ -233,7 +233,7 @@ class BagWriter:
     def _flush(self) -> None:
         self._flush_is_due = False
         self._writer.flush()
-        # The system writes on into a file that nobody can find any more.
+        # The system goes on writing into a file that was moved or removed, without an error.
         if self._is_gone():
             raise FileNotFoundError(errno.ENOENT, _GONE)
 
