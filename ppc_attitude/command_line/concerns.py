@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a run in process tells on standard error while `run` has it in the log of its nodes."""
+"""Warnings of a run in one process, on standard error; with `run` they are in the nodes' log."""
 
 import sys
 
@@ -28,26 +28,26 @@ from ppc_attitude.simulation.scenario import Scenario
 
 
 def first_lost(record: RunRecord) -> int:
-    """First instant at which a rate is larger than a craft can have; else how many there are."""
+    """Index of the first instant with a rate beyond any craft's; the number of instants if none."""
     rates = record[truth_of(record).angular_velocity]
-    kept = np.abs(rates).sum(axis=1) <= LARGEST  # NaN is not either
+    kept = np.abs(rates).sum(axis=1) <= LARGEST  # false for NaN, too
     return int(kept.size if kept.all() else kept.argmin())
 
 
 def tell_concerns(scenario: Scenario, record: RunRecord) -> None:
-    """Say what parts warned of in a run, and when, as long as its rate is one of a craft."""
+    """Print what components warned of in a run, and when, as long as its rate is possible."""
     for time, advice in concerns(scenario, record.stamps_ns[: first_lost(record)]):
         kind = "error: " if advice.failed else "warning: " if advice.warning else ""
         print(f"{kind}at t = {time:.3f} s {advice.text}", file=sys.stderr)
 
 
 def see_that_it_is_bounded(scenario: Scenario, record: RunRecord) -> None:
-    """See that no rate is larger than a craft can have: there the plant of `run` ends.
+    """See that no rate is larger than a craft can have, where the plant of `run` would end.
 
     Raises
     ------
     RunError
-        One is; says when.
+        A rate is; the message says when.
     """
     lost = first_lost(record)
     if lost < record.t.size:

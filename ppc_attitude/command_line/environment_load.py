@@ -48,8 +48,8 @@ _UNLIMITED = 1e6  # [rad/s] no limit of speed
 def environment_torque(scenario: Scenario, environment: Part) -> float:
     """Bound of the norm [N·m] of the configured environment's torque.
 
-    Of an environment that tells none it is the largest at even times of the run, or, where it looks
-    at the craft, at the first instant, which `environment` has made.
+    If the environment declares no bound, it is the largest norm at evenly spaced times of the run;
+    if it reads the craft's state, only that of the first instant, which `environment` has made.
     """
     component = environment.component
     if component.bound:
@@ -64,10 +64,10 @@ def environment_torque(scenario: Scenario, environment: Part) -> float:
 
 
 def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> Iterator[Condition]:
-    """Compare the speeds to which a run brings wheels without rods with their largest.
+    """Compare the speeds to which a run brings wheels without magnetorquers with their largest.
 
-    The craft is taken as if it followed the reference, and its wheels share the momentum as the
-    drive does. Both parts have made a step, and are stepped anew.
+    It is assumed that the craft follows the reference, and that the wheels share the momentum as
+    the drive does. Both parts have made a step, and are stepped anew.
     """
     plant, end = scenario.parameters[PLANT], scenario.number(PLANT, "duration")
     known = TRUE_ATTITUDE, TRUE_RATE
@@ -83,14 +83,14 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
     first = reference.signals[2 : reference.inputs.nbytes // 8].tolist()  # behind the instant
     for part in (reference, environment):
         part.forget()
-    # Without limits of speed: it is told how far beyond them the wheels would be.
+    # Without limits of speed, because the condition tells how far beyond them the wheels would be.
     free: dict[str, Any] = {wheels.MAX_SPEED.name: [_UNLIMITED], wheels.VISCOUS.name: [0.0]}
     count, gain = max(_SAMPLES, math.ceil(end / _LONGEST)), wheel_drive.NULL_GAIN.name
-    free[gain] = min(plant[gain], count / end)  # in a longer step idle wheels would swing
+    free[gain] = min(plant[gain], count / end)  # with a longer step idle wheels oscillate
     drive, craft = Part(wheel_drive.COMPONENT, {**plant, **free}), wheels.wheel_record(plant)
     inertia, speeds = np.reshape(plant[INERTIA.name], (3, 3)), craft["initial_speed"].copy()
     start = quaternion(normalised(tuple(plant[INITIAL_ATTITUDE.name])))
-    # In inertial axes only the environment changes it.
+    # Momentum of craft and wheels [N·m·s]: in inertial axes only the environment changes it.
     whole = inertia @ plant[INITIAL_RATE.name] + wheels.momentum(craft, speeds)
     whole = np.array(rotate(start, vector(whole)))
     turning = slice(craft["count"])

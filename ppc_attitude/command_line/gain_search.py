@@ -36,7 +36,7 @@ from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import Scenario
 
 WRITTEN = "`ppc_attitude design` wrote this file."
-"""What the first line of a parameter file says by which a later design may replace it."""
+"""Mark in the first line of a parameter file: a later design may replace a file that has it."""
 
 
 def search_gains(arguments: argparse.Namespace, scenario: Scenario) -> int:
@@ -66,7 +66,7 @@ def search_gains(arguments: argparse.Namespace, scenario: Scenario) -> int:
 
 
 def _campaign(arguments: argparse.Namespace, scenario: Scenario) -> Campaign:
-    """The variables: as declared, or every attitude with rates up to the one that was asked for."""
+    """Campaign as declared, or over every attitude with rates up to the one of the options."""
     if arguments.campaign:
         varied = load_campaign(arguments.campaign, scenario, seed=0)
     else:

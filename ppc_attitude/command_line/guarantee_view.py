@@ -136,7 +136,7 @@ def promise_lines(certificate: Certificate, assumed: Assumptions) -> list[str]:
 class Judgement:
     """The statement of the certificate of a scenario with the momentum-tube law, proved anew.
 
-    Beside one of the configurations, its parameter files, the stored certificate may lie.
+    The configurations are its parameter files; the stored certificate may lie beside one of them.
 
     Raises
     ------
@@ -179,7 +179,7 @@ class Judgement:
         Raises
         ------
         ValueError
-            Nothing is promised of it.
+            Nothing is promised after this hit.
         """
         if not self.holds:
             raise ConfigurationError("nothing is guaranteed, so nothing is after a hit")
@@ -201,7 +201,7 @@ class Judgement:
         Raises
         ------
         ConfigurationError
-            The certificate does not hold, the reference is not the paper's, or it begins first.
+            No certificate holds, or the reference is not the paper's, or begins before the law.
         """
         if not self.holds:
             raise ConfigurationError("nothing is guaranteed, so nothing is for this reference")
@@ -256,7 +256,7 @@ class Judgement:
 
 
 def _inequality_line(each: Inequality) -> str:
-    # The bounds of what is zero are the smallest numbers there are.
+    # Ball arithmetic bounds a zero by the smallest numbers there are.
     left, right = (0.0 if abs(x) < 1e-300 else x for x in (each.left[1], each.right[0]))
     sides = f"{left:.6g} ≤ {right:.6g} {each.unit}".rstrip()
     proved = f"proved, {100.0 * each.room:.3g} % of room" if each.holds else "FAILS"

@@ -33,7 +33,7 @@ from ppc_attitude.contract.declared import nodes_of
 from ppc_attitude.contract.topics import CLOCK_TOPIC, MARKERS, PLANT, RECORDER
 from ppc_attitude.simulation.scenario import Overrides, Scenario
 
-_PATIENCE = "20"  # [s] how long a node may take to end before it is told more firmly
+_PATIENCE = "20"  # [s] how long a node may take to end after SIGINT, before it gets SIGTERM
 # A launch that gets SIGTERM, or is killed, ends at once and tells its processes nothing.
 _ENDS_WITH_THE_LAUNCH = "setpriv --pdeathsig INT" if which("setpriv") else ""
 
@@ -90,7 +90,7 @@ def side_by_side(runs: Mapping[str, Scenario], names: Collection[str]) -> list[A
 
 
 def _parameters(scenario: Scenario, names: Iterable[str]) -> Overrides:
-    """Parameters of those nodes among the names that the run has, or that draw it."""
+    """Parameters of the named nodes, as far as they are of the run or draw it."""
     needed = (*nodes_of(scenario.parameters), MARKERS)
     return {name: scenario.parameters[name] for name in names if name in needed}
 

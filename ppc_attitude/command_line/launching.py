@@ -98,8 +98,8 @@ class Request:
     def scenario(self, config: Path, overlay: Sequence[Path] = ()) -> Scenario:
         """Checked parameters of every node.
 
-        A file of the user's may be one of the package's own, in the folder `config`. Those of the
-        overlay go over the user's.
+        A name may stand for a file of the package, in the folder `config`. The files of the overlay
+        override those that the user names.
 
         Raises
         ------
@@ -119,7 +119,7 @@ class Request:
         if self["bag"]:
             overrides[RECORDER] = {"bag": self["bag"]}
         scenario = load([*files, *overlay], overrides)
-        if not self.words("without"):  # of a node of the user's nobody knows what it sends
+        if not self.words("without"):  # what a node of the user sends is not known
             check_exchange(scenario.parameters)
         warm_up(scenario)  # once here, instead of in several processes at a time
         return scenario

@@ -61,7 +61,7 @@ class _Formatter(argparse.HelpFormatter):
 class Parser(argparse.ArgumentParser):
     """Says in one line what is wrong, like every other error of this command.
 
-    It takes a word such as -1e-3 or -inf for a number, as -0.001, and not for an option.
+    It reads a word such as -1e-3 or -inf as a number, like -0.001, and not as an option.
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -91,7 +91,7 @@ def _complete() -> None:
 
 
 def parsers(names: Sequence[str] = COMMANDS) -> "tuple[Parser, argparse._SubParsersAction[Parser]]":
-    """Build the parser of the executable, and what holds those of its commands by their names."""
+    """Build the parser of the executable; also return the action with those of its commands."""
     parser = Parser(
         prog="ppc_attitude",
         description="Prescribed-performance attitude control: run, record, judge.",
@@ -126,11 +126,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if word != word.encode(errors="replace").decode():  # no page, bag or table can name it
                 parser.error(f"argument {printable(word)}; allowed: text in UTF-8")
         parsed, unknown = parser.parse_known_args(words)
-        if unknown:  # it is the command's help that lists what there is
+        if unknown:  # the help of the command, not of the executable, lists the options
             own = commands.choices[parsed.command]
             own.error(f"unrecognized arguments: {' '.join(unknown)}")
         interrupt()
-        if not gc.isenabled():  # what is imported stays: to look through it took 0.2 s
+        if not gc.isenabled():  # collections that walk through all imported objects took 0.2 s
             gc.freeze()
             gc.enable()
         return int(parsed.execute(parsed))
@@ -183,12 +183,12 @@ def run() -> None:
             print(f"error: {error.strerror}", file=sys.stderr)
         give_up_output()
         code = BROKEN
-    except KeyboardInterrupt:  # the second, while the first was being told
+    except KeyboardInterrupt:  # a second request, while the first was being reported
         say_interrupted()
         code = BROKEN
     handle_ending(signal.SIG_IGN)  # nothing disturbs the end
-    # To take all modules apart takes 0.1 s. And Python remembers an interrupt that has left an
-    # `exec`, such as makes every dataclass, and would die of SIGINT, although it was handled.
+    # This skips the teardown of all modules, which takes 0.1 s. And Python remembers an interrupt
+    # that left an `exec`, as of a dataclass, and would die of SIGINT although it was handled.
     with suppress(OSError):
         sys.stdout.flush()
     os._exit(code)

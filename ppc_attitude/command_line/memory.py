@@ -22,8 +22,8 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.diagram import recorded_columns
 from ppc_attitude.simulation.scenario import Scenario
 
-# Of a recorded number, measured: 10 with what is not recorded, 15 while the run is judged. The rest
-# is for sensors and reports.
+# For each recorded number. Measured: 10 with what is not recorded, 15 while the run is judged. The
+# rest is for sensors and reports.
 _BYTES_PER_NUMBER = 24
 _MACHINE, _CONTAINER = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
 
@@ -49,7 +49,7 @@ def check_memory(scenario: Scenario, at_once: int = 1) -> None:
 
 
 def _free() -> float:
-    """Memory that this process may still take [bytes]; endless where the system does not tell."""
+    """Memory that this process may still take [bytes]; infinite if the system does not tell."""
     sizes = [float("inf")]
     with suppress(OSError):
         for line in _MACHINE.read_text(encoding="ascii").splitlines():
@@ -61,7 +61,7 @@ def _free() -> float:
             for name in ("max", "current")
         )
         lines = (_CONTAINER / "memory.stat").read_text(encoding="ascii").splitlines()
-        # Files that nobody reads any more count as taken, and are given up for whoever needs room.
+        # Cached files that nobody reads any more count as taken, but are given up when needed.
         idle = sum(float(line.split()[1]) for line in lines if line.startswith("inactive_file "))
         sizes.append(max(limit - taken + idle, 0.0))
     return min(sizes)

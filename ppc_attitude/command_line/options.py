@@ -118,12 +118,12 @@ def record_of(arguments: argparse.Namespace) -> RunRecord:
 
 
 def topics_of(arguments: argparse.Namespace) -> dict[str, str]:
-    """Topic of a run to the one of the bag that carries it.
+    """Map each topic of a run to the one of the bag that carries it.
 
     Raises
     ------
     ConfigurationError
-        A topic of a run is to be carried by two.
+        A topic of a run is given two topics of the bag.
     """
     told: dict[str, str] = {}
     for ours, theirs in arguments.topic:
@@ -137,7 +137,7 @@ def see_that_none_is_idle(
 ) -> None:
     """See that options, named without their first dashes, are given only where they do something.
 
-    By default each is nothing, or empty.
+    The default of each is None, False or empty.
 
     Raises
     ------
@@ -169,7 +169,7 @@ def add_judging_options(parser: argparse.ArgumentParser) -> None:
 
 
 def requirements_of(arguments: argparse.Namespace) -> Requirements:
-    """Read what a run is judged by, before any work; of a report there is a title only with one.
+    """Read the requirements, before any work, and refuse a report's title without a report.
 
     Raises
     ------
@@ -232,7 +232,7 @@ def number(
 
 
 ACCURACY = number(1e-9, 1.0)
-"""Parser of what a component of a unit quaternion is to be below."""
+"""Parser of a limit on a component of a unit quaternion."""
 POSITIVE = number(above=0.0)
 NOT_NEGATIVE = number(0.0)
 
@@ -255,7 +255,7 @@ def scenario_of(arguments: argparse.Namespace, **plant: float) -> Scenario:
 
 
 def print_verdict(verdict: Verdict, *, as_json: bool, **more: object) -> None:
-    """Print a verdict as a table, or as one JSON object with more that is told of the run."""
+    """Print a verdict as a table, or as one JSON object with more facts about the run."""
     if as_json:
         print_json({**verdict.to_json(), **more})
     else:

@@ -36,8 +36,8 @@ def parameter_file(scenario: Scenario) -> str:
 
 def ros_parameters(nodes: Mapping[str, Mapping[str, Any]]) -> str:
     """Return parameters by node, in whatever namespace it runs, as a ROS parameter file."""
-    # rcl knows no type for an empty list; it is the default, and stays away. Nor does it know an
-    # alias, which YAML writes for a list that stands there twice.
+    # An empty list, for which rcl knows no type, is the default, and left out. Lists are copied,
+    # because YAML would write an alias, which rcl does not know, for a list that occurs twice.
     content = {
         f"/**/{node}": {
             "ros__parameters": {
@@ -59,8 +59,8 @@ def overlay(comment: Iterable[str], nodes: Mapping[str, Mapping[str, Any]]) -> s
 def run_info(nodes: Mapping[str, Mapping[str, Any]]) -> str:
     """Return what the recorder is to know of a run.
 
-    It is told the parameters by node, on which topics each node has a message at every instant, for
-    it loads no component, and the command.
+    These are the parameters by node, the topics on which each node has a message at every instant,
+    because the recorder loads no component, and the command.
     """
     samples = {name: _topics(name.rpartition("/")[2], values) for name, values in nodes.items()}
     metadata = {"command": shlex.join(sys.argv)}

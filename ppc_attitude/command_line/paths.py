@@ -25,7 +25,7 @@ _BEGINNING = 512  # bytes, of which the mark of a file that a command wrote is a
 
 
 def new_folder(text: str) -> Path:
-    """Parse where files are to be; the folder and those above it are made."""
+    """Parse a folder for files; it and those above it need not exist yet."""
     path = _writable(text)
     if path.exists() and not path.is_dir():
         raise argparse.ArgumentTypeError(f"{text} is no folder")
@@ -33,7 +33,7 @@ def new_folder(text: str) -> Path:
 
 
 def new_file(*suffixes: str, replaces: Collection[str] = ()) -> Callable[[str], Path]:
-    """Give the parser of where a file is to be; the folders above it are made.
+    """Give a parser of the path of a new file; the folders above it need not exist yet.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def new_file(*suffixes: str, replaces: Collection[str] = ()) -> Callable[[str], 
         if os.path.lexists(path):
             if path.is_symlink() or not path.is_file():
                 what = "a folder" if path.is_dir() else "no plain file"
-                raise argparse.ArgumentTypeError(f"{text} is {what}")  # the new one would replace
+                raise argparse.ArgumentTypeError(f"{text} is {what}")  # it would be replaced
             if not replaces:
                 raise argparse.ArgumentTypeError(f"{text} exists already, it is not overwritten")
             see_that_it_may_go(path, *replaces)
@@ -68,7 +68,7 @@ def see_that_it_may_go(path: Path, *marks: str) -> None:
     Raises
     ------
     argparse.ArgumentTypeError
-        It is somebody else's.
+        It has no such mark, and may be of somebody else.
     """
     if not path.exists():
         return
@@ -95,7 +95,7 @@ def new_bag(path: Path) -> Path:
 
 
 def some_path(text: str) -> Path:
-    """Parse a path; of no characters it would be the current folder."""
+    """Parse a path; an empty text, which would mean the current folder, is refused."""
     if not text:
         raise argparse.ArgumentTypeError("the path is empty")
     return Path(text)

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What `check` compares whatever the parts are: with each other, and with what is asked.
+"""Conditions of `check` on any selection of components: with each other, and with what is asked.
 
-A part has conditions of its own (`Component.conditions`), which look at the `Task`.
+A component has conditions of its own, too (`Component.conditions`), which look at the `Task`.
 """
 
 import math
@@ -77,7 +77,7 @@ def conditions_of(
     Raises
     ------
     ConfigurationError
-        A part cannot be as its parameters say.
+        The parameters of a component are infeasible.
     """
     task, (_, most) = _task(scenario, required, q_e), _torques(scenario)
     yield from _of_actuator(scenario, environment, task)
@@ -135,7 +135,7 @@ def actuator_torque(scenario: Scenario) -> float:
 def _torques(scenario: Scenario) -> tuple[float, float]:
     """Torque on an axis [N·m] that the selected actuator gives in any direction, and at most.
 
-    Of one that does not tell it is what the law may ask for.
+    If the actuator does not declare them, both are what the law may ask for.
     """
     plant = scenario.parameters[PLANT]
     actuator = ACTUATORS.selected(plant)
@@ -144,9 +144,9 @@ def _torques(scenario: Scenario) -> tuple[float, float]:
 
 
 def _first_answer(scenario: Scenario, craft: Mapping[str, Any]) -> float:
-    """How many times the acceleration that a law counts on a torque gives at first, at most.
+    """Largest ratio of the first acceleration after a torque to that which the law counts on.
 
-    It moves J − Σ J_s a aᵀ − δᵀδ, and flexible modes follow later; without modes it is 1.
+    A torque first moves J − Σ J_s a aᵀ − δᵀδ only, and flexible modes follow; 1 without modes.
     """
     plant = scenario.parameters[PLANT]
     if not craft.get(COUPLING.name):
@@ -160,7 +160,7 @@ def _first_answer(scenario: Scenario, craft: Mapping[str, Any]) -> float:
 def _sigmas(scenario: Scenario) -> Sigmas:
     """σ of the errors as the law sees them, on the axis on which it is largest.
 
-    Nobody knows those of an estimator or of sensors of somebody else's: zeros.
+    For an estimator or sensors of another package they are not known: zeros.
     """
     plant, estimator, law = (scenario.parameters[each] for each in (PLANT, ESTIMATOR, CONTROLLER))
     rate = scenario.number(PLANT, "rate")
@@ -174,7 +174,7 @@ def _sigmas(scenario: Scenario) -> Sigmas:
 
 
 def _of_settling(task: Task, torque: float) -> Iterator[Condition]:
-    """The least time to settle with what the actuator gives on an axis [N·m] at most."""
+    """The least time to settle with the largest torque that the actuator gives on an axis [N·m]."""
     if INERTIA.name in task.craft:
         limit = f" and within {task.rate_limit:g} deg/s" if task.rate_limit else ""
         who = f"at least about its eigenaxis, with {torque:.3g} N·m on an axis{limit}"
@@ -184,7 +184,7 @@ def _of_settling(task: Task, torque: float) -> Iterator[Condition]:
 def _least_turn(task: Task, torque: float) -> float:
     """Least time [s] about the eigenaxis, from rest, to where the error is small enough.
 
-    The craft may still turn there: at the latest it stops where the error is so large again.
+    The craft may still turn there, if it stops before the error on the other side is as large.
     """
     error = np.array(task.error[:3])
     if not error.any():
@@ -209,7 +209,7 @@ def _from_rest(angle: float, rate: float, acceleration: float) -> float:
 
 
 def _of_envelopes(scenario: Scenario, task: Task) -> Iterator[Condition]:
-    """Envelopes that the law has, ours: their joint, noise in what it is told, and least pulses."""
+    """Conditions on the law's envelopes, if it has ours: joint, noise of inputs, least pulses."""
     law, plant = scenario.parameters[CONTROLLER], scenario.parameters[PLANT]
     for prefix in envelopes_of(scenario.controller):
         symbol, unit, sigma = {

@@ -43,7 +43,7 @@ from ppc_attitude.simulation.closed_loop import warm_up
 from ppc_attitude.simulation.scenario import Scenario, check_exchange
 
 Watch: TypeAlias = Callable[[Callable[[], bool]], None]
-"""Works as long as the function that it is given returns true; it calls it again and again."""
+"""A function that works as long as the function that it is given, and keeps calling, is true."""
 
 
 class Recording:
@@ -72,7 +72,7 @@ class Recording:
         Raises
         ------
         ConfigurationError
-            The environment lets no node find another, or names a domain or a peer that is none.
+            The environment lets no node find another, or names an invalid domain or peer.
         RunError
             The run broke, or its bag cannot be read.
         """
@@ -157,7 +157,7 @@ class Recording:
 def _progress(duration: float) -> Iterator[Any]:
     """Progress bar over simulated time; gives the function that moves it."""
     form = "{l_bar}{bar}| {n:.1f}/{total:.1f} s [{elapsed}<{remaining}, {rate_fmt}{postfix}]"
-    tqdm.monitor_interval = 0  # no thread of its own: who has one cannot be copied
+    tqdm.monitor_interval = 0  # no thread of its own: a process with threads cannot be copied
     with tqdm(total=duration, desc="simulated", unit="s", bar_format=form, file=sys.stderr) as bar:
 
         def show(t: float) -> None:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""SROS 2: keys for a run, and the environment in which nothing is said or believed without them."""
+"""SROS 2: keys for a run, and the environment in which no message without them is accepted."""
 
 import re
 import shutil

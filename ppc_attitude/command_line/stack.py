@@ -42,7 +42,7 @@ _STALLED_AFTER = 30.0  # [s] without a step after which lock-step is given up
 _EVENT = re.compile(r"(\x1b\[\d*m)*\[(INFO|DEBUG)\]")  # how ROS begins such a line
 _NO_MIDDLEWARE = 102  # with which rcl ends the process that loads it, before our first line runs
 _GLANCE = 0.02  # [s] between two looks at the processes
-# What all nodes import and what starts no thread: here once, and each copy of this process has it.
+# All nodes import these, and none starts a thread: imported here once, each copy has them.
 _SHARED = (
     "diagnostic_msgs.msg",
     "geometry_msgs.msg",
@@ -163,7 +163,7 @@ class Stack:
         plant = self._nodes[PLANT]
         plant.listen(patience)
         ended = {name: code for name, code in self.exit_codes().items() if code is not None}
-        self.told()  # afterwards, so that who has ended has been heard to its end
+        self.told()  # afterwards, so that all that a process told before its end is heard
         now: float | None = plant.told.pop(TIME, None)
         if now is not None:
             self._heard = time.monotonic()
@@ -184,9 +184,9 @@ class Stack:
         return {name: starved(node.process.pid) for name, node in self._nodes.items()}
 
     def _look_for_stall(self) -> None:
-        """Give up if nothing happens; the time in which a node waited for its turn is no silence.
+        """Give up if nothing happens, not counting time in which a node waited for the processor.
 
-        What a node itself uses counts: one that computes for ever never answers.
+        Time in which a node uses the processor counts: one that computes for ever never answers.
         """
         silent = time.monotonic() - self._advanced
         if silent < _STALLED_AFTER:
@@ -224,7 +224,7 @@ class Stack:
                         hanging.append(name)
                         node.says_where()
                         node.kill()
-            # Who lingers ends when the recorder has gone, which got what was sent until then.
+            # A node that lingers ends when the recorder has gone, which got all that was sent.
             for name, node in self._nodes.items():
                 if not node.ends(_PATIENCE):
                     hanging.append(name)
@@ -281,7 +281,7 @@ def _pass_on(line: str) -> None:
 def _broke_at(node: Child) -> float:
     """When a node that has ended broke, on the monotonic clock [s].
 
-    Who was killed could not tell, and did not fall for what others did.
+    A killed node could not tell, and did not end as a consequence of others: so it comes first.
     """
     if node.process.returncode < 0:
         return 0.0

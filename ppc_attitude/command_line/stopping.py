@@ -31,7 +31,7 @@ _Done = TypeVar("_Done")
 
 
 def say_interrupted() -> None:
-    """Say so past the streams of Python, which may be at work."""
+    """Print that the command was interrupted, past the streams of Python, which may be in use."""
     with suppress(OSError):
         os.write(2, b"interrupted\n")
 
@@ -56,7 +56,7 @@ A list, because one request may interrupt the handler of another: a lock would w
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
     asked.append(number)
-    sys.unraisablehook = lambda _: None  # a compiler's callback loses the exception, and tells it
+    sys.unraisablehook = lambda _: None  # a compiler's callback would lose and print the exception
     raise KeyboardInterrupt
 
 
@@ -82,7 +82,7 @@ def stoppable(work: Callable[[], _Done]) -> _Done:
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
-    thread.join()  # who has threads cannot be copied
+    thread.join()  # a process with threads cannot be copied
     return done.result()
 
 

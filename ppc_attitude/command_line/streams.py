@@ -20,7 +20,7 @@ import sys
 
 
 class _Forgiving(io.TextIOWrapper):
-    """An outlet that nobody reads stops nothing; it writes through, so no flush can fail."""
+    """A text stream whose failure stops nothing; it writes through, so no flush can fail."""
 
     def write(self, text: str) -> int:
         try:
@@ -30,11 +30,11 @@ class _Forgiving(io.TextIOWrapper):
 
 
 def prepare_streams() -> None:
-    """Let this process write whatever its output and error are.
+    """Make standard output and error of this process usable, whatever they are.
 
-    A closed one becomes `/dev/null`: else the next file that is opened takes its place, and gets
-    what was to be said. Standard error never fails; standard output does, for results count. Where
-    the encoding lacks a letter, its code stands.
+    A closed one becomes `/dev/null`: else the next file that is opened would get its number, and
+    its text. Standard error never fails; standard output may, because results count. A character
+    that the encoding lacks is written as an escape.
     """
     for number in range(3):
         try:

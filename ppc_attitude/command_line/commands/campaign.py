@@ -124,7 +124,7 @@ def execute(arguments: argparse.Namespace) -> int:
     if alone:
         return _execute_one(arguments, campaign)
     start = time.monotonic()
-    tqdm.monitor_interval = 0  # no thread of its own: who has one cannot be copied
+    tqdm.monitor_interval = 0  # no thread of its own: a process with threads cannot be copied
     with tqdm(total=runs, desc="campaign", unit=" runs", file=sys.stderr) as bar:
         try:
             finished = run_campaign(
@@ -207,7 +207,7 @@ def _exit_code(finished: Finished) -> int:
     Raises
     ------
     RunError
-        It did not, or some run broke.
+        The campaign was interrupted, or some run broke.
     """
     summary = finished.summary
     if summary.runs < finished.total:

@@ -160,7 +160,7 @@ def execute(arguments: argparse.Namespace) -> int:
 
 
 def _goal_conditions(goals: list[Answer]) -> Iterator[Condition]:
-    """Scheduled goals are followed: a run that refuses one misses a requirement."""
+    """Yield the condition that all goals are followed: a refused one is a missed requirement."""
     if goals:
         meaning = "the guidance follows every scheduled goal"
         refused = sum(told.refused for told in goals)
@@ -205,9 +205,9 @@ def _print(
 
 
 def _at_start(scenario: Scenario) -> dict[str, Part]:
-    """Every part after its first step; without an estimate by then, as if told the truth.
+    """Every part after its first step; if there is no estimate by then, with exact sensing.
 
-    A law that reads more of its estimator than attitude and rate has heard nothing by then.
+    A law that reads more of its estimator than attitude and rate cannot step with exact sensing.
     """
     parts = first_instant(scenario)
     if _given(parts, ATTITUDE.column).any():

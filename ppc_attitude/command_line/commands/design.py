@@ -99,7 +99,7 @@ _OF_THE_TUBE = (
     "attitude-noise",
     "rate-noise",
 )
-_DEFAULTS = {  # filled in late: an option that was not given is none that does nothing
+_DEFAULTS = {  # filled in after the options that were given, and would do nothing, are refused
     "seconds": 40.0,
     "accuracy": 5e-3,
     "rate": 1.0,
@@ -220,7 +220,7 @@ def execute(arguments: argparse.Namespace) -> int:
             needed = tube_of(assumed, found.law)
             if needed <= tube:
                 break
-            tube = _MORE * needed  # the law lets the craft be faster than the assumptions took
+            tube = _MORE * needed  # with this law the craft may be faster than was assumed
             before, assumed = assumed, _assumptions(scenario, arguments, tube)
             if assumed == before:  # they do not depend on it
                 break

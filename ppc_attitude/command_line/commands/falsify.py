@@ -121,7 +121,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _folder(text: str) -> Path:
-    """Parse where the search is to be; a worst case of somebody else's is not overwritten."""
+    """Parse the folder of the search; a file that is no worst case is not overwritten."""
     folder = new_folder(text)
     see_that_it_may_go(folder / WORST, _HEAD)
     return folder

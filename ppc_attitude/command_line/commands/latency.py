@@ -69,7 +69,7 @@ def execute(arguments: argparse.Namespace) -> int:
     ours, live = "a stack of its own, without --live", arguments.live
     see_that_none_is_idle(arguments, not live, ours, "config", "controller", "rate", "bag")
     see_that_none_is_idle(arguments, live, "a stack that runs: --live", "namespace")
-    from ppc_attitude.nodes.latency_probe import measure  # before a run: it takes its time
+    from ppc_attitude.nodes.latency_probe import measure  # before a run: the import takes long
 
     if live:
         duration = _JOINING + (arguments.duration or PAPER_DURATION)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""`ppc_attitude replay`: a bag's recorded inputs through the control kernel once more."""
+"""`ppc_attitude replay`: a bag's recorded inputs through the components' kernels once more."""
 
 import argparse
 import sys
@@ -71,7 +71,7 @@ def execute(arguments: argparse.Namespace) -> int:
             print(f"not replayed: {reason}")
     if not any(each.largest for each in result.found):
         return DONE
-    if PLANT not in record.parameters:  # of a plant of ours the reader knows if it began before
+    if PLANT not in record.parameters:  # with our plant the reader warns if the run began before
         why = "nothing tells if the record begins with the run: parts remember what came before"
         print(f"warning: {why}", file=sys.stderr)
     return REQUIREMENT_FAILED

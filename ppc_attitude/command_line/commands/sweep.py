@@ -52,7 +52,7 @@ EXAMPLES = (
     "ppc_attitude sweep --figure sweep.png --json",
 )
 _PICTURES = ("PNG", "<!DOCTYPE svg", "%PDF")  # how each begins
-# What nobody names is in proportion to the craft and to what is asked of it. In the paper's case
+# Options that are not given are in proportion to actuator and requirements. In the paper's case
 # these are hits of 0.8 N·m at 80 s for 0.05 s to 1 s, and 300 s to recover.
 _STRENGTH = 16.0  # times what the actuator gives
 _SHARES = (1 / 1200, 1 / 600, 1 / 300, 1 / 120, 1 / 60)  # of the settling deadline
@@ -143,7 +143,7 @@ def _hits(arguments: argparse.Namespace, scenario: Scenario, required: Requireme
 
 
 def _swept(scenario: Scenario, required: Requirements, hits: Hits, duration: float) -> SweptHit:
-    """Fly one hit; of a long run there is not memory for the samples of all."""
+    """Simulate one hit; the samples of all hits together may not fit into the memory."""
     pulse = {
         "pulse_times": [hits.at],
         "pulse_durations": [duration],
@@ -175,7 +175,7 @@ def _print_table(swept: Sequence[SweptHit], hits: Hits, required: Requirements) 
                 "to recover are over, so that nothing is judged."
             )
         )
-    # An error is one, whatever bounds it.
+    # Each error has one column, whatever bounds it.
     symbols = {each.error: symbol for each, symbol in _SYMBOLS.items()}
     errors = symbols | {
         each.error: each.name for each in swept[0].outside if each.error not in symbols
