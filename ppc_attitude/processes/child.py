@@ -38,18 +38,18 @@ from ppc_attitude.processes.telling import tell_broken, tell_through
 
 _START = str(Path(__file__).resolve().with_name("start.py"))
 _KILLED_AFTER = 5.0  # [s] how long a process may take to end when it was killed
-_SPEAKS_WITHIN = 0.5  # [s] a process says where it hangs
+_SPEAKS_WITHIN = 0.5  # [s] within which a process says where it hangs
 _GLANCE = 0.02  # [s] between two looks at a process that is to end
 _LAST = 5  # niceness of a process that comes last; 10 makes no step shorter
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 Handler: TypeAlias = Callable[[int, FrameType | None], object] | signal.Handlers
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT) + (
-    # To who was started by nohup, a terminal that closes is nothing.
+    # A process that was started by nohup goes on when its terminal closes.
     (signal.SIGHUP,) if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN else ()
 )
 """By these a process is asked to end, and does so in good order."""
 SAY_WHERE = signal.SIGUSR1
-"""By this it prints where each of its threads is; one that has left Python ends by it."""
+"""On this a process prints where each of its threads is; one that has left Python ends."""
 
 
 class Child:
@@ -97,7 +97,7 @@ class Child:
         kept, safe = (*inherited, theirs), dict(environment)
         drop_empty_entries(safe)
         self.process: subprocess.Popen[bytes] | Copy
-        # A process inherits that signals are blocked: there is no moment in which it has none.
+        # A child inherits that signals are blocked, so none comes before it has its handlers.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
         try:
             if copy and can_copy():
@@ -141,14 +141,14 @@ class Child:
     def ends(self, patience: float, enough: str = "") -> bool:
         """Wait for its end; False if it has not come after some time [s] in which it could run.
 
-        That it tells the fact `enough` is as good as its end. The time in which others had the
+        Once it tells the fact `enough`, that counts as its end. The time in which others had the
         processor does not count: on a busy machine a process that is all right has been seen to
         need half a minute for a quarter of a second's work.
         """
         pid = self.process.pid
         late = time.monotonic() + patience - starved(pid)
         while time.monotonic() < late + starved(pid):
-            self.listen(_GLANCE)  # who is not heard may wait for room in its pipe
+            self.listen(_GLANCE)  # a process that is not heard may wait for room in its pipe
             if self.process.poll() is not None or enough in self.told:
                 return True
         return False
@@ -204,7 +204,7 @@ def begin(parent: int, pipe: int, module: str, *arguments: str) -> int:
     tell_through(pipe)
     faulthandler.register(SAY_WHERE)
     end_at_once()
-    gc.disable()  # what is imported stays; to look through it again and again took 60 ms
+    gc.disable()  # collections that walk through imported objects again and again took 60 ms
     sys.argv[:] = [module, *arguments]
     try:
         code: int = import_module(module).main()
@@ -215,7 +215,7 @@ def begin(parent: int, pipe: int, module: str, *arguments: str) -> int:
 
 
 def starved(pid: int) -> float:
-    """How long [s] a process has waited for the processor so far; 0 where nobody counts that."""
+    """How long [s] a process has waited for the processor so far; 0 if the system does not tell."""
     try:
         _, waiting, _ = Path(f"/proc/{pid}/schedstat").read_text(encoding="ascii").split()
     except (OSError, ValueError):
@@ -224,9 +224,9 @@ def starved(pid: int) -> float:
 
 
 def give_way() -> None:
-    """Let no thread of this process, for which nobody waits, interrupt another of its session.
+    """Let no thread of this process interrupt another of its session, because nobody waits for it.
 
-    It gets its share of the processor all the same, and does more at a time.
+    The process gets its share of the processor all the same, in longer slices.
     """
     if hasattr(os, "SCHED_BATCH"):
         with contextlib.suppress(OSError):
@@ -236,20 +236,20 @@ def give_way() -> None:
 def come_last() -> None:
     """Let this process have the processor after others: they wait for it if it falls behind.
 
-    One that wants all of a core leaves it a quarter. Linux shares the processor among sessions
+    A process that wants a whole core leaves it a quarter. Linux shares the processor among sessions
     first (sched(7), autogroup), so that a process with a session of its own, as ours have, comes
     after others only if its session does.
     """
     for thread in Path("/proc/self/task").glob("*"):
         with contextlib.suppress(OSError):  # it has ended
             os.setpriority(os.PRIO_PROCESS, int(thread.name), _LAST)
-    with contextlib.suppress(OSError):  # this kernel shares it among processes alone
+    with contextlib.suppress(OSError):  # a kernel without autogroup shares among processes alone
         if os.getsid(0) == os.getpid():
             Path("/proc/self/autogroup").write_text(str(_LAST), encoding="ascii")
 
 
 def handle_ending(handler: Handler) -> dict[int, Any]:
-    """Let requests to end this process be handled so; return how each was until now."""
+    """Set the handler of requests to end this process; return the former handler of each."""
     return {number: signal.signal(number, handler) for number in ENDING}
 
 

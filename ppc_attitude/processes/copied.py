@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A copy of this process that becomes another one: what is imported and compiled, it has.
+"""A copy of this process that becomes another one, with all that is imported and compiled here.
 
-To import Numba and to load the kernels takes a node a second; a copy of who has done so needs none
-of it. Only a process with a single thread can be copied: what another thread holds, such as a lock,
-would be held for ever. `rclpy`, of which tracing starts threads, is imported by each copy itself.
+To import Numba and to load the kernels takes a node a second; a copy of a process that has done so
+needs none of it. Only a process with a single thread can be copied: what another thread holds, such
+as a lock, would be held for ever. Each copy imports `rclpy` itself, whose tracing starts threads.
 """
 
 import ctypes
@@ -58,7 +58,7 @@ class Copy:
     def poll(self) -> Any:
         """Return the exit code; None while it runs, or while another thread looks."""
         if self.returncode is None:
-            # Its end is told once: to who asks after another thread, there is no such process.
+            # The system tells the end once: a second thread that asks finds no such process.
             with suppress(ChildProcessError):
                 ended, status = os.waitpid(self.pid, os.WNOHANG)
                 if ended:
@@ -93,7 +93,7 @@ def become(
     kept: Collection[int],
     environment: Mapping[str, str],
 ) -> NoReturn:
-    """Become another process, in the copy; nothing of who was copied runs on.
+    """Become another process, in the copy; nothing of the copied process runs on.
 
     Parameters
     ----------
@@ -104,13 +104,13 @@ def become(
     streams : (int, int)
         Which of our file descriptors are its standard output and error; its input is empty.
     kept : collection of int
-        Which others it has.
+        Which others it keeps.
     environment : mapping of str to str
         Its environment.
     """
     code = 1
     try:
-        gc.freeze()  # nothing that it had is ever finished here, such as a file by its number
+        gc.freeze()  # no inherited object is finalised here: a file would close its reused number
         os.setsid()
         theirs = [os.open(os.devnull, os.O_RDONLY), *map(os.dup, streams)]
         for number, stream in enumerate(theirs):
@@ -136,7 +136,7 @@ def _printing_to(number: int) -> TextIO:
 
 
 def _rename(name: str) -> None:
-    """Let lists of processes show a name, as far as the command line of who was copied is long."""
+    """Show a name in lists of processes, cut to the length of the copied process's command line."""
     library = ctypes.CDLL(None)
     library.prctl(_PR_SET_NAME, name.rpartition(".")[2].encode())
     fields = Path("/proc/self/stat").read_text(encoding="ascii").rpartition(")")[2].split()

@@ -46,7 +46,7 @@ def _execute_elsewhere(execute: Callable[[ModuleType], None], module: ModuleType
 
 
 def prepare_imports() -> None:
-    """Let this process, and those that it starts, import these packages so."""
+    """Let this process import these packages from elsewhere, and let OpenBLAS start no threads."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.meta_path.insert(0, _Finder)
 

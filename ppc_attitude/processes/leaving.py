@@ -39,7 +39,7 @@ _SAYS_BEFORE = 0.5  # [s] before its end the process prints where it hangs
 def leaving(code: int) -> Iterator[None]:
     """End this process with an exit code if to leave the middleware takes too long.
 
-    Where the C library has no timer, unlike on Linux, it takes as long as it takes.
+    If the C library has no such timer, as outside Linux, there is no limit.
     """
     library, timer = ctypes.CDLL(None), ctypes.c_void_p()
     leave = ctypes.cast(library._exit, ctypes.c_void_p).value
