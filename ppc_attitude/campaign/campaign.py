@@ -47,7 +47,7 @@ class Finished:
     total : int
         How many runs were wanted; `summary.runs` were done.
     summary : Summary
-        What it comes to.
+        Its results, counted.
     bands : QuantileBands
         Errors over time.
     """
@@ -87,13 +87,13 @@ def run_campaign(
     progress : callable, optional
         Called with the number of runs done after each.
     stopping : callable, optional
-        Gives the context in which runs are computed, once workers are there; it gives an event that
-        is set to end early, with what is there.
+        Gives a context manager, entered once workers are there, in which runs are computed. It
+        yields an event; if that is set, the campaign ends early with the runs that are done.
 
     Returns
     -------
     Finished
-        The same, and the same files, whoever computed and in whatever order.
+        The results, which like the files do not depend on who computed in which order.
 
     Raises
     ------
@@ -176,7 +176,7 @@ def _result(
 
 
 def _alone(campaign: Campaign, index: int, pool: Pool) -> Outcome:
-    """One run by itself, so that a lost worker can be laid to its charge."""
+    """One run by itself, so that it is known which run a worker was lost with."""
     reason: BaseException | None = None
     for _ in range(_ATTEMPTS):
         try:

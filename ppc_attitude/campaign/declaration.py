@@ -80,7 +80,7 @@ class Campaign:
 
     @cached_property
     def timetable(self) -> Array | None:
-        """The `timetable_of` all runs; None if what is drawn changes it."""
+        """The `timetable_of` all runs; None if a drawn value changes it."""
         _, changed = drawn_run(self, 0)  # what changes in one run changes in every other
         for node, values in changed.items():
             for component in components_of(node, self.scenario.parameters[node]):

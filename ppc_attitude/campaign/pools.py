@@ -46,7 +46,7 @@ def cores() -> int:
 def threads() -> Iterator[Executor]:
     """Threads of this process, one a core, whose compiled loops run side by side.
 
-    At the end nobody waits for what they still do: a step of somebody else's may compute for ever.
+    At the end nobody waits for what they still do: a step of another package may never end.
     """
     executor = ThreadPoolExecutor(cores())
     try:
@@ -112,7 +112,7 @@ class LocalPool:
         place = self._idle.get()
         try:
             worker = self._workers[place] = self._workers[place] or _Worker(self._campaign)
-            if self._closed:  # what began after the others had been killed
+            if self._closed:  # this worker began after the others had been killed
                 worker.child.kill()
             return worker.ask(start, stop)
         except WorkerLostError:
@@ -190,7 +190,7 @@ def connected(address: str) -> Any:
     with needed_by("a Dask scheduler needs Dask", "campaign"):
         import distributed
         from distributed.comm.addressing import get_address_host_port
-    try:  # for what is no address its client takes a minute
+    try:  # Dask's client takes a minute to refuse a text that is no address
         get_address_host_port(address)
     except ValueError as error:
         raise ConfigurationError(f"scheduler = {address}: {error}") from None

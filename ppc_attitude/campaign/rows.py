@@ -61,7 +61,7 @@ def row_types(campaign: Campaign) -> dict[str, type]:
     }
 
 
-_INDIFFERENT = {"python", "rosbags", "rclpy", "git_revision"}  # others give the same numbers
+_INDIFFERENT = {"python", "rosbags", "rclpy", "git_revision"}  # no version of these changes numbers
 
 
 class CampaignError(RuntimeError):
@@ -106,8 +106,8 @@ def loop_of(campaign: Campaign) -> Loop:
 def run_chunk(campaign: Campaign, start: int, stop: int, loop: Loop | None = None) -> list[Outcome]:
     """Run the indices from start up to, not including, stop.
 
-    Each gives the same to the last bit wherever and whenever it is run. Who runs many chunks keeps
-    the `loop_of` the campaign.
+    Each gives the same to the last bit wherever and whenever it is run. A caller with many chunks
+    gives the same `loop_of` the campaign to all.
 
     Raises
     ------

@@ -26,13 +26,13 @@ from ppc_attitude.campaign.variables import Variable, varying
 WORST = 5
 """Runs that are listed as the worst of each requirement."""
 SAMPLE_SIZE = 3000
-"""Runs that are drawn: the first, and of those that fail the first."""
+"""Runs that a figure shows: the first that meet everything, and as many that do not."""
 _MOST_LIMITS = 3  # that are told apart; an actuator of random strength has one a run
 
 
 @dataclass(frozen=True)
 class Fraction:
-    """How many of how many, with the Wilson interval that holds the truth with 95 %.
+    """A count out of a number of runs, with its 95 % Wilson interval.
 
     Attributes
     ----------
@@ -48,12 +48,12 @@ class Fraction:
 
     @property
     def value(self) -> float:
-        """The share; NaN of nothing."""
+        """The share; NaN if nothing was judged."""
         return self.met / self.judged if self.judged else math.nan
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Lower and upper end of the interval; all of 0 to 1 for nothing."""
+        """Lower and upper end of the interval; 0 and 1 if nothing was judged."""
         if not self.judged:
             return 0.0, 1.0
         from scipy.stats import binomtest  # costs half a second, and most processes ask for none

@@ -15,8 +15,8 @@
 """Gains for laws without a guarantee: a search over the loop in process, judged by requirements.
 
 CMA-ES changes the logarithms of the gains; every candidate flies the same drawn runs, so that two
-candidates differ by their gains alone. What comes out is judged by other runs than it was made
-with. Such a Monte Carlo verdict is an estimate and no guarantee.
+candidates differ by their gains alone. The best is judged by other runs than those of the search.
+Such a Monte Carlo verdict is an estimate and no guarantee.
 """
 
 import math
@@ -97,7 +97,7 @@ def tuned(
     seconds : float
         How long to search [s].
     executor : Executor
-        Who computes.
+        Where runs are computed.
     runs, fresh : int
         Runs of each candidate, and of the verdict.
     candidates : int
@@ -132,7 +132,7 @@ def tuned(
         gains, costs = gains_of(x), list[float]()
         for k in range(runs):
             if is_over():
-                return math.inf  # who has not flown them all is not compared
+                return math.inf  # a candidate that has not flown all runs is not compared
             costs.append(cost(_verdict(campaign, k, gains)))
         return float(np.mean(costs))
 
@@ -160,8 +160,8 @@ def tuned(
 def cost(verdict: Verdict | None) -> float:
     """Cost of a run: whether it misses a requirement, how near it is to each, its settling time.
 
-    The first outweighs the others: what is searched for is that as many runs as possible meet all,
-    and how far the others are from it only shows the way there.
+    The first outweighs the others: the aim is that as many runs as possible meet all requirements,
+    and how far the other runs are from that only shows the way there.
     """
     if verdict is None:
         return _WORST

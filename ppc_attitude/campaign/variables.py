@@ -128,7 +128,7 @@ class InitialAttitude(Variable):
         return cls(attitudes(name, declared))
 
     def draw(self, own: Generator, values: Overrides) -> Drawn:
-        """Draw the attitude; it tells how far from the reference it is, where that tells."""
+        """Draw the attitude, and tell its angle from the reference's start, if that is declared."""
         q = unit_quaternion(self.of_plant, values[PLANT][self.of_plant])
         if self.drawn_from is not None:
             q = self.drawn_from.draw(own, q)
@@ -302,7 +302,7 @@ class Fault(Variable):
 
 
 def _with_fault(plant: Mapping[str, Any], what: str, *times: float) -> dict[str, Any]:
-    """Give the plant one more fault, behind its own, from a time [s] on, for ever or for some."""
+    """Add a fault to the plant's; the times are its start and, unless it lasts, duration [s]."""
     words = zip(("from", "for"), times, strict=False)
     text = " ".join([what, *(f"{word} {time!r}" for word, time in words)])
     return {FAULTS.name: [*fault_texts(plant), text]}
@@ -354,4 +354,4 @@ NOMINAL: dict[str, Variable] = {
     name: VARIABLES[name]()
     for name in ("initial_attitude", "initial_rate", "inertia_error", "actuator_strength")
 }
-"""Those that every run tells of, as the scenario has them."""
+"""Variables that every run has columns of; undeclared, they are as in the scenario."""
