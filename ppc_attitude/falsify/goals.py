@@ -75,7 +75,7 @@ class Goal:
         return f"{value:.6g} {_UNITS.get(self.name, 'of its bound')}".rstrip()
 
     def value(self, record: RunRecord, law: Component) -> float:
-        """Value of a run; a run that is not finite is worst of all."""
+        """Value of a run, [s], [1], [deg/s] or by its bound; infinite if the run is not finite."""
         judged = record.t >= self.after
         if self.name == "settling":
             value = self._settling(record)
@@ -97,7 +97,7 @@ class Goal:
     def _settling(self, record: RunRecord) -> float:
         """Last instant outside the accuracy; of a run that ends outside, the end plus its error."""
         error = pointing_errors(record).sizes
-        outside = np.flatnonzero(~(error < self.accuracy))  # an error that is none is not settled
+        outside = np.flatnonzero(~(error < self.accuracy))  # NaN is not settled either
         if not outside.size:
             return 0.0
         time = float(record.t[outside[-1]])

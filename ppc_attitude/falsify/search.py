@@ -40,7 +40,7 @@ from ppc_attitude.simulation.closed_loop import simulate
 
 HISTORY = "history.jsonl"
 _WIDTH = 0.5  # deviation of the first generation, of numbers of the order of one
-# A generation that finds nothing new for so long begins a new search elsewhere.
+# After so many generations that find nothing new, a new search begins elsewhere.
 _STALE = 40
 _WORST = 1e9  # more than any goal reaches
 _GLANCE = 0.1  # [s] between looks at the wish to stop
@@ -168,7 +168,7 @@ class Search:
                     file.flush()
                 if len(values) != len(questions):
                     raise ConfigurationError(f"{self._file} has a generation of another size")
-                # CMA-ES makes small; a run that was not finite is as bad as can be.
+                # CMA-ES minimises; a run that was not finite counts as the worst case.
                 strategy.tell(questions, [-min(each, _WORST) for each in values])
                 top = int(np.argmax(values))
                 best = replace(best, runs=best.runs + len(values))
@@ -177,7 +177,7 @@ class Search:
                 yield best
 
     def _see_that_it_repeats(self, before: float, now: float) -> None:
-        """Refuse answers that a law had before it was changed, or to what is no longer asked."""
+        """Refuse answers of an earlier session that the present code would not give."""
         if not math.isclose(now, before, rel_tol=_SAME):
             raise ConfigurationError(
                 f"{self._file}: its worst case gave {before:g} and gives {now:g} now, so that the "

@@ -76,7 +76,7 @@ class Space:
     late: bool = False
 
     def __post_init__(self) -> None:
-        """See that the components have what is to be chosen, and can fly with the most of it."""
+        """See that the components have what is to be chosen, and accept its extremes."""
         for asked, kind, what, name in (
             (True, PLANTS, "start", "initial_attitude"),
             (self.rate, PLANTS, "rate at the start", "initial_angular_velocity"),
@@ -142,7 +142,7 @@ class Space:
         return self.base.overlaid(self.choice(x))
 
     def _changed_inertia(self, numbers: list[float]) -> Array:
-        """J = Ĵ^½ (I + S) Ĵ^½ with ‖S‖ ≤ e_S; less of S where no rigid body has it."""
+        """J = Ĵ^½ (I + S) Ĵ^½ with ‖S‖ ≤ e_S; S is halved until a rigid body can have it."""
         nominal = np.array(self.base.parameters[PLANT]["inertia"], np.float64).reshape(3, 3)
         if self.e_S == 0.0:
             return nominal
