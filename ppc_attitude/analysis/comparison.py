@@ -14,7 +14,7 @@
 
 """Figures of several runs: side by side as in the paper's comparisons, and the pulse sweep.
 
-Who draws one raises AnalysisError where a run lacks what it shows; then there is none.
+A function that draws one raises AnalysisError if a run lacks what it shows; then it is left out.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -130,8 +130,8 @@ def run_labels(records: Sequence[RunRecord]) -> list[str]:
 def comparisons_of(runs: Sequence[Measured]) -> tuple[Drawn, list[str]]:
     """Draw every comparison for which all of two to six runs have the data.
 
-    The first is red and the second blue, as in the paper. Said is which one is not drawn although
-    some run has the data, and which run lacks what.
+    The first is red and the second blue, as in the paper. The list says which comparison is not
+    drawn although some run has the data, and which run lacks what.
 
     Raises
     ------
@@ -155,7 +155,7 @@ _Comparison = Callable[[Sequence[Measured], Sequence[str]], Figure]
 
 
 def _comparisons(runs: Sequence[Measured]) -> Iterator[tuple[str, str, _Comparison]]:
-    """Name of a figure's file, caption, and who draws it."""
+    """Name of a figure's file, caption, and the function that draws it."""
     bounded = {each.error for run in runs for each in envelopes_of(run.record)}
     yield "comparison_attitude_error", "Pointing errors in the envelopes", attitude_comparison
     yield "comparison_angular_velocity", "Angular velocities", angular_velocity_comparison
@@ -168,7 +168,7 @@ def _comparisons(runs: Sequence[Measured]) -> Iterator[tuple[str, str, _Comparis
 def sweep_figure(hits: Sequence[SweptHit], required: Requirements = PAPER) -> Figure:
     """Draw how recovery and time outside depend on how long a hit lasts, with what is required.
 
-    Drawn is the time outside the envelopes of errors that a hit throws out at once. There is at
+    The time outside is that of errors that a hit throws out of their envelopes at once. There is at
     least one hit; they are in the order of their duration.
     """
     durations = [hit.duration_s for hit in hits]
@@ -219,7 +219,7 @@ def _side_by_side(
     *,
     floor: float | None = None,
 ) -> tuple[Figure, list[list[Axes]]]:
-    """Draw a row a component: the whole run, and a late hit closely if a run has one.
+    """Draw one row for each component: the whole run, and a late hit closely if a run has one.
 
     Logarithmic from `floor` up, if that is given.
     """

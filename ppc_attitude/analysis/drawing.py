@@ -102,7 +102,7 @@ def panels(
 ) -> tuple[Figure, list[Axes]]:
     """Make a figure of panels in the common style, without pyplot's global state.
 
-    The panels are told row by row; those of a column share their time axis if they are to. The
+    The panels are returned row by row; those of a column share their time axis with `share_x`. The
     width is that of the figure, the height that of a row [inch].
     """
     with mpl.rc_context(STYLE):
@@ -170,7 +170,7 @@ def draw(
 ) -> None:
     """Draw one line, thinned, in the common style; a noisy one as a band with its mean.
 
-    Into a panel whose time is set beforehand goes only what is in view, so that a window of a
+    In a panel whose time is set beforehand only what is in view is drawn, so that a window of a
     long run is drawn as finely as a short run.
     """
     if not axes.get_autoscalex_on():
@@ -325,7 +325,7 @@ def save(figure: Figure, path: Path) -> Path:
 
 
 def save_all(drawn: Drawn, folder: Path, formats: Sequence[str] | None = None) -> list[Path]:
-    """Write figures to a folder, which is made if there is none; those of the same name go.
+    """Write figures to a folder, which is made if there is none; files of these names are replaced.
 
     The formats are some of ``png``, ``svg`` and ``pdf``, by default PNG. Returns the files written.
     """

@@ -53,7 +53,7 @@ def faults_of(record: RunRecord) -> tuple[Acting, ...]:
     changes = (each for each in record.changes if each[1:3] == (PLANT, FAULTS.name))
     found: dict[str, list[tuple[int, int]]] = {}
     for part, told in record.stretches(changes):
-        known = fault_texts(told.get(PLANT, {}))[:MOST_FAULTS]  # nobody runs with more
+        known = fault_texts(told.get(PLANT, {}))[:MOST_FAULTS]  # a plant takes no more
         since, until = record.stamps_ns.take([part.start, part.stop], mode="clip").tolist()
         times = sorted({since, until, *(t for t in _times(known) if since < t < until)})
         for begin, end in pairwise(times):

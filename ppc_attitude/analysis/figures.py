@@ -14,7 +14,7 @@
 
 """The figures of one run, each the counterpart of one in the paper.
 
-Who draws one raises AnalysisError where the record lacks what it shows; then there is none.
+A function that draws one raises AnalysisError if the record lacks its data; then it is left out.
 """
 
 from collections.abc import Iterator
@@ -187,7 +187,7 @@ def transformed_errors_figure(run: Measured) -> Figure:
 
 
 def column_figure(run: Measured, column: str) -> Figure:
-    """Draw a column of the record; what comes with some instants only, as points."""
+    """Draw a column of the record; as points if it has samples at some instants only."""
     topic = BY_COLUMN[column]
     factor, unit = (1.0, topic.unit) if topic.form in JOINTS else in_degrees(topic.unit)
     values = factor * samples(run.record, column)
@@ -210,7 +210,7 @@ def column_figure(run: Measured, column: str) -> Figure:
 
 
 def _drawings(record: RunRecord) -> Iterator[Drawing]:
-    """Name of a figure's file, caption, and who draws it."""
+    """Name of a figure's file, caption, and the function that draws it."""
     yield "pointing_error", "Attitude error as an angle", pointing_figure
     yield "attitude_error", "Attitude error", attitude_figure
     for each in envelopes_of(record):
@@ -231,7 +231,7 @@ def _drawings(record: RunRecord) -> Iterator[Drawing]:
     if not has(record, REFERENCE_ATTITUDE.column):
         drawn.remove(truth_of(record).attitude)  # where there is no error to draw
     if not has(record, APPLIED_TORQUE.column):
-        drawn.remove(TORQUE_COMMAND.column)  # a plant of somebody else's tells no more
+        drawn.remove(TORQUE_COMMAND.column)  # a plant that is not ours may tell no other torque
     for column, topic in BY_COLUMN.items():
         if column not in drawn and topic.form in _DRAWN:
             caption = topic.meaning[:1].upper() + topic.meaning[1:]

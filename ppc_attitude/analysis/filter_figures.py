@@ -14,7 +14,7 @@
 
 """The figures of a filter: its errors in the band of its own 3σ, and how each fix surprised it.
 
-Who draws one raises AnalysisError where the record lacks what it shows; then there is none.
+A function that draws one raises AnalysisError if the record lacks its data; then it is left out.
 """
 
 import numpy as np
@@ -83,7 +83,7 @@ def _in_band(
         draw(axes, run.t, values[:, k], colour=AXIS_COLOURS[k], label=axis)
         for edge, label in ((low, "3σ"), (high, "")):
             draw(axes, run.t, edge[:, k], width=ENVELOPE_WIDTH, style="--", label=label)
-        # At the start nothing is known of the bias: the band of then would hide all that follows.
+        # At the start the bias is unknown: with its wide band all that follows would be flat.
         late = run.t >= 0.25 * run.t[-1]
         lines = np.concatenate([each[late, k] for each in (low, high, values)])
         lines = lines[np.isfinite(lines)]

@@ -83,8 +83,8 @@ def judge_filter(run: Measured) -> Iterator[Requirement]:
 def sigmas_of(record: RunRecord, variances: list[int]) -> Array:
     """σ [rad, rad/s] about each body axis as the filter says, shape (n, 3).
 
-    It is of what has its variances there: `ATTITUDE_VARIANCES`, or `RATE_VARIANCES`. NaN where
-    there is no estimate.
+    `variances` are their places among the numbers of an estimate, `ATTITUDE_VARIANCES` or
+    `RATE_VARIANCES`. NaN where there is no estimate.
 
     Raises
     ------

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The guidance of a run: its reference once more, from the parameters on record."""
+"""The guidance of a run: its reference, computed again from the parameters on record."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -66,13 +66,13 @@ class Flight:
     Attributes
     ----------
     picked : ndarray of int, shape (m,)
-        Numbers of the instants.
+        Indices of the instants.
     goals : ndarray, shape (m, 4)
         Inertial attitude of the goal, x y z w.
     cones : tuple of tuples of Cone
         The keep-out cones at each; in flight some may come, or go.
     names : tuple of str
-        What each cone is about, when there were most.
+        What each cone is about, at the instant that has the most of them.
     words : tuple of Word
         What was said of orders, and warned of.
     limits : ndarray, shape (m, 2)
@@ -127,10 +127,10 @@ def flight_of(record: RunRecord) -> Flight | None:
 
 
 def _flown(record: RunRecord, samples: int) -> Iterator[tuple[int, Part, dict[str, Any]]]:
-    """Yield number of each instant of `_instants`, the reference after it, and its parameters.
+    """Yield the index of each of `_instants`, the reference after its step, and its parameters.
 
-    These follow what was changed in flight. Before the reference has begun there is nothing. It is
-    another part once its node was started again.
+    These follow what was changed in flight. Nothing is yielded before the reference has begun.
+    After a restart of its node the reference is a new part.
     """
     values = guidance_values(record)
     if values is None or not has(record, ATTITUDE.column):
@@ -146,8 +146,8 @@ def _flown(record: RunRecord, samples: int) -> Iterator[tuple[int, Part, dict[st
             if any(change.name == ENABLED for change in together):  # it was started again
                 part = Part(goal.COMPONENT, values)
             part.configure(values)
-            # Each tells the orders that were yet to come: those of an instant that is not on
-            # record would be lost with the next.
+            # A change holds only orders that are yet to come: those of an instant that is not on
+            # record would be lost with the next change.
             if since < stamp_ns and part.state[0]["begun"]:
                 part.step(since, attitude)
         part.step(stamp_ns, attitude)
@@ -158,7 +158,7 @@ def _flown(record: RunRecord, samples: int) -> Iterator[tuple[int, Part, dict[st
 def _instants(
     record: RunRecord, values: Mapping[str, Any], changes: list[Any], samples: int
 ) -> list[int]:
-    """Numbers of the instants to look at: evenly, and those from which something acts."""
+    """Indices of the instants to look at: evenly spaced, and those from which something acts."""
     seen = np.flatnonzero(is_finite(record, ATTITUDE.column))
     times = [values[GOAL_TIMES.name], *(c.value for c in changes if c.name == GOAL_TIMES.name)]
     stamps = {nanoseconds(time) for each in times for time in each}
@@ -198,7 +198,7 @@ def judge_orders(run: Measured) -> Iterator[Requirement]:
             obeyed, refused = before[0] + int(state["obeyed"]), before[1] + int(state["refused"])
             if refused and not reason and state["outcome"] != ACCEPTED:  # the last of an instant
                 reason = part.advice.text
-    except ConfigurationError as error:  # somebody's bag
+    except ConfigurationError as error:  # a bag may hold any parameters
         why = str(error)
     if obeyed or why:
         yield run.row("refused_orders", float(refused), 0.0, why=why, note=reason)

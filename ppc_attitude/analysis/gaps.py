@@ -22,7 +22,7 @@ from ppc_attitude.analysis.series import step
 from ppc_attitude.analysis.verdict import Span, span_text
 from ppc_attitude.contract.run_record import LONGEST, USUAL, Array
 
-_SHARE = 0.1  # of what is judged that may be absent
+_SHARE = 0.1  # of a judged span that may be absent
 
 
 def known_span(t: Array, values: Array) -> Span | None:

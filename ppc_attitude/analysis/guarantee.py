@@ -151,8 +151,8 @@ def certificate_held(record: RunRecord) -> Held | None:
 def _outside(record: RunRecord, values: Mapping[str, Any]) -> Mask:
     """Instants outside the tube, the envelope Φ, or, after the stop phase, the limit of the rate.
 
-    Error and rate that are bounded are the true ones. What the law was told may be e_A [rad] and
-    e_W [rad/s] more, as its y may be N beyond Y, which the column has.
+    The true error and rate are bounded. Without them on record, what the law was told may be
+    e_A [rad] and e_W [rad/s] more; the column of the tube, Y + N, allows for the error of its y.
     """
     truth, bound = truth_of(record), record[TURN_ENVELOPE.name]
     e_A, e_W, Omega = (values[PREFIX + each] for each in ("e_A", "assumed.e_W", "assumed.Omega"))
@@ -172,7 +172,7 @@ def _outside(record: RunRecord, values: Mapping[str, Any]) -> Mask:
 def _until_inside(suspended: Mask, outside: Mask) -> Mask:
     """Suspended instants, and those after them until the craft is within its bounds again.
 
-    What led out of the bounds while nothing was promised is not undone at once.
+    A craft that left its bounds while nothing was promised cannot be back at once.
     """
     instants = np.arange(suspended.size)
     last = np.maximum.accumulate(np.where(suspended, instants, -1))
@@ -183,15 +183,15 @@ def _until_inside(suspended: Mask, outside: Mask) -> Mask:
 def _in_flight(record: RunRecord) -> Iterator[tuple[slice, Mapping[str, Mapping[str, Any]]]]:
     """Instants between changes in flight, and the parameters that hold there.
 
-    Faults are left as they were: they are known by when they acted.
+    Changes of faults are left out, because `faults_of` tells when each fault acted.
     """
     return record.stretches(each for each in record.changes if each.name != FAULTS.name)
 
 
 def _broken(parameters: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
-    """Yield why a certificate is none for these parameters.
+    """Yield why the certificate does not hold for these parameters.
 
-    Those of the reference do not count: what it did is on record.
+    Those of the reference do not count, because its motion is on record.
     """
     values = parameters[CONTROLLER]
     if not values.get(ENABLED, True):
@@ -232,7 +232,7 @@ def _assumptions(record: RunRecord) -> dict[str, Mask]:
 
 
 def _reference(record: RunRecord, W: float, W1: float, W2: float) -> dict[str, Mask]:
-    """Instants at which the reference went beyond its bounds, or otherwise than it told.
+    """Instants at which the reference exceeded its bounds, or contradicted itself.
 
     A rate that is Lipschitz differs from the trapezoid of its derivatives by h² W2/4 in a sample,
     and the attitude, whose rotations do not commute, by h³ (W2 + W W1)/12.
@@ -257,7 +257,7 @@ def _reference(record: RunRecord, W: float, W1: float, W2: float) -> dict[str, M
 
 
 def _jumps(change: Array, slope: Array, h: Array, limit: Array) -> Mask:
-    """Samples over which a change is not what the slopes at both ends make of it, to a limit."""
+    """Samples over which a change differs from the trapezoid of its slopes by more than a limit."""
     expected = 0.5 * h[:, None] * (slope + np.roll(slope, 1, axis=0))
     jumps = np.linalg.norm(change - expected, axis=1) > limit + _INEXACT
     jumps[:1] = False

@@ -14,7 +14,7 @@
 
 """The figures of guidance: sky map, slews over time, and the angles to the keep-out cones.
 
-Who draws one raises AnalysisError where the record lacks what it shows; then there is none.
+A function that draws one raises AnalysisError if the record lacks its data; then it is left out.
 """
 
 from collections.abc import Callable, Iterator
@@ -109,7 +109,7 @@ def slews(run: Measured, flight: Flight) -> Figure:
 
 def _mark_orders(axes: Axes, flight: Flight, start: float) -> None:
     """Shade brakes and turns, and mark where something was ordered or warned of."""
-    # A turn ends where the next one begins; what is refused or warned of ends none.
+    # A turn ends where the next one begins; a refusal or a warning ends none.
     ends = [np.inf]
     for word in flight.words[:0:-1]:
         ends.append(word.time if word.legs else ends[-1])

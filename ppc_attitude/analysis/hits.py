@@ -31,7 +31,7 @@ from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
 
 
 class SweptHit(NamedTuple):
-    """A hit of a sweep, and what came of it.
+    """A hit of a sweep, and the recovery from it.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ def pulses_of(record: RunRecord, actuator: float) -> tuple[Pulse, ...]:
         torque, bound = torque - vectors(record, ENVIRONMENT_TORQUE.name), 0.0
     least = SMALLEST_STEP * actuator
     weak = [each for each in scheduled(record) if all(abs(x) <= least for x in each.torque)]
-    for each in weak:  # beside a step of another pulse it would be taken for a part of that
+    for each in weak:  # beside a step of another pulse it would count as part of that step
         acts = (t >= each.start_s) & (np.round(t - each.start_s, 9) < each.duration_s)
         torque = torque - np.multiply.outer(acts, each.torque)
     found = find_pulses(t, torque, actuator, bound)
@@ -84,9 +84,9 @@ def pulses_of(record: RunRecord, actuator: float) -> tuple[Pulse, ...]:
 
 
 def _environment_bound(record: RunRecord) -> float | None:
-    """Bound of the torque of the environment [N·m]; None if nobody tells one."""
+    """Bound of the environment's torque on an axis [N·m]; None if it declares none."""
     injector = record.parameters.get(INJECTOR, {})
-    with suppress(KeyError, TypeError, ValueError):  # what somebody wrote into a bag
+    with suppress(KeyError, TypeError, ValueError):  # a bag may hold any parameters
         environment = ENVIRONMENTS.selected(injector)
         if environment and environment.bound:
             return environment.bound(injector)
@@ -102,7 +102,7 @@ def scheduled(record: RunRecord) -> Iterator[Pulse]:
     edges = np.append(t, t[-1] + step(t))  # the last sample acts for so long
     changes = [each for each in record.changes if each.node == INJECTOR]
     for part, told in record.stretches(changes):
-        with suppress(KeyError, TypeError, ValueError, OverflowError):  # somebody's bag
+        with suppress(KeyError, TypeError, ValueError, OverflowError):  # a bag may hold anything
             for each in scheduled_pulses(told.get(INJECTOR, {})):
                 span = np.searchsorted(record.stamps_ns, [each["start_ns"], each["end_ns"]])
                 first, end = (int(k) for k in np.clip(span, part.start, part.stop))

@@ -112,7 +112,7 @@ def judge_cones(run: Measured) -> Iterator[Requirement]:
     why = run.changed(REFERENCE, *(each.name for each in CONE_PARAMETERS))
     try:
         approaches = approaches_of(run.record)
-    except ConfigurationError as error:  # somebody's bag
+    except ConfigurationError as error:  # a bag may hold any parameters
         approaches, why = [], str(error)
     if approaches:
         worst = max(approaches, key=lambda each: each.half_angle - each.angle)

@@ -77,7 +77,7 @@ _NAMED = {
 }
 """Errors whose time outside is a metric of its own, whatever bounds them."""
 SUMMATION = 1e-12
-"""Share of a limit by which a number may pass it: wheels' torques add up to the last bits."""
+"""Share of a limit by which rounding may take a number, such as a sum of wheel torques, past it."""
 
 
 def metric_of(envelope: Envelope) -> str:
@@ -246,9 +246,9 @@ class Measured:
         note: str = "",
         absent: tuple[Span, ...] = (),
     ) -> Requirement:
-        """Compare a value with its limit, unless there is a reason why not; span: the whole run.
+        """Compare a value with its limit, unless `why` says why not; the default span is the run.
 
-        What is absent of the span is left out; if it is much, nobody knows that the limit is met.
+        What is absent of the span is left out; if it is much, a limit that seems met is not judged.
         """
         span = span or self.whole
         without = (*without, *clipped(absent, span))
@@ -370,9 +370,9 @@ class Measured:
     def _limit_of(self, parameters: Mapping[str, Mapping[str, Any]]) -> float:
         """What the actuator gives on an axis [N·m]: as configured, as required, or the paper's."""
         torques = None
-        with suppress(KeyError, TypeError, ValueError, OverflowError):  # somebody's bag
+        with suppress(KeyError, TypeError, ValueError, OverflowError):  # a bag may hold anything
             torques = self._actuator.torques(parameters[PLANT]) if self._actuator else None
-        # A bag of somebody else's plant says only what the controller was told of the actuator.
+        # With a plant that is not ours, only the controller's parameters tell of the actuator.
         told = parameters.get(CONTROLLER, {}).get("max_torque")
         limits = (torques and torques[1], told, self.required.torque, PAPER_TORQUE_LIMIT)
         numbers = (each for each in limits if isinstance(each, int | float))

@@ -35,8 +35,8 @@ verdict says why. T is the settling deadline and R the time allowed for a recove
 - *Recovery* applies to hits from T on. One that the next hit interrupts within R is judged with
   that one; one that the run's end interrupts within R is not judged.
 - *Fuel* applies to a run with thrusters: the tank that the run began with must not become empty.
-- *Refused orders* applies to a run with goals, holds or profiles: who refuses one stays where it
-  was, so that no error tells of it.
+- *Refused orders* applies to a run with goals, holds or profiles: the reference ignores a refused
+  order, so that no error shows it.
 - *Keep-out* applies to a run with cones: the truth, so that the craft's error is in it.
 - *Certificate*: time outside what the law's certificate promises, while its assumptions, as far as
   the record shows them, held; two samples after one was broken the promise begins anew.
@@ -166,7 +166,7 @@ class Verdict(Measured):
 
     @property
     def change_rows(self) -> Iterator[tuple[str, str, str]]:
-        """Of each change in flight the time [s], the node, and what it was."""
+        """Time [s], node and description of each change in flight."""
         for change, before in self.record.told_changes:
             old = "" if before is None else f"{before} → "
             what = f"{change.name} {old}{change.value}"
@@ -260,7 +260,7 @@ class Verdict(Measured):
             why = f"a sudden disturbance came when it was {note}"
         if value is not None and (unseen := self.hidden.get(None)):
             note = f"at most: {not_on_record(unseen)}"
-            if unseen[0] < deadline <= value:  # nobody knows on which side of it
+            if unseen[0] < deadline <= value:  # the error may have settled on either side of it
                 why = why or not_on_record(unseen)
         key, span, since = "settling_time", self.calm_span, (value or 0.0, self.end)
         absent = clipped(self.absent, since)
@@ -358,7 +358,7 @@ class Verdict(Measured):
         return self.row("recovery", slowest, limit, "s", why, span, note=note)
 
     def _hides(self, hit: Disturbance, stop: float) -> str:
-        """Why nobody knows whether the craft recovered in time; empty if one does.
+        """Why it is not known whether the craft recovered in time; empty if it is.
 
         Without a time of recovery nothing up to the stop [s] may follow what is not on record.
         """

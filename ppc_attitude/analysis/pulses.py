@@ -36,7 +36,7 @@ SMALLEST_STEP = 0.02
 """A change of one axis between two samples that is a step and not the environment [actuators]."""
 
 DRIFT = 0.002
-"""What more it may be of the environment for each second of a gap [actuators/s]."""
+"""By how much more the environment may change for each second of a gap [actuators/s]."""
 
 LARGEST_ENVIRONMENT = 0.12
 """Largest torque on an axis that is no pulse, unless the environment's is larger [actuators]."""
@@ -48,7 +48,7 @@ MOST_STEPS = 1000
 """A torque with more steps is a rough signal, in which a step has to stand out."""
 
 STANDS_OUT = 10.0
-"""A step of a rough signal counts from so many times their median on; Gauss's reach eight."""
+"""A step of a rough signal counts from so many times the median step; Gaussian noise reaches 8."""
 
 SAME_ROUGH = 3.0
 """Two torques of a rough signal are the same within so many times `SAME_TORQUE`."""
@@ -93,8 +93,8 @@ def find_pulses(
         step; rows not finite are skipped.
     actuator : float
         Torque that the actuator gives on an axis [N·m].
-    environment : float
-        Bound of the environment's torque on an axis [N·m], if it is known; 0 if there is none.
+    environment : float or None
+        Bound of the environment's torque on an axis [N·m], None if it is unknown; 0: there is none.
 
     Returns
     -------
@@ -165,7 +165,7 @@ def _is_quiet(stretch: Array, most: float) -> bool:
 
 
 def _paired(rises: Array, same: float, least: float) -> list[_Found]:
-    """Pulses as (first step, last step, torque), from the steps, the least of which is given."""
+    """Pulses as (first step, last step, torque [N·m]); `least` is the smallest step that counts."""
     pulses: list[_Found] = []
     left = np.abs(rises).max(axis=1) > same
     at_rest = _same(np.cumsum(rises, axis=0), np.zeros(3), same)

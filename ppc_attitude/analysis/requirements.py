@@ -71,7 +71,7 @@ def component_size(rows: Array) -> Array:
 
 @dataclass(frozen=True)
 class Requirements:
-    """The requirements that a run is judged by; the defaults are the paper's [1].
+    """The requirements that a run is judged by; the defaults are the paper's.
 
     Attributes
     ----------

@@ -36,9 +36,9 @@ RESERVE = 0.99
 
 
 def wheel_shares(record: RunRecord) -> Array | None:
-    """Recorded speeds of the wheels by their largest, shape (n, count); None if it is not told."""
+    """Ratio of each wheel's speed to its limit, shape (n, count); None if a limit is unknown."""
     speeds = np.abs(record[wheels.SPEED.name])
-    with suppress(KeyError, TypeError, ValueError):  # what somebody wrote into a bag
+    with suppress(KeyError, TypeError, ValueError):  # a bag may hold any parameters
         limits = record.parameters[PLANT][wheels.MAX_SPEED.name]
         each = np.pad(limits, (0, speeds.shape[1] - len(limits)), mode="edge")  # one is for all
         return np.asarray(speeds / each)
@@ -46,7 +46,7 @@ def wheel_shares(record: RunRecord) -> Array | None:
 
 
 def wheel_momentum(record: RunRecord) -> Array | None:
-    """‖Σ J_s Ω a‖ [N·m·s] at each instant, shape (n,); None if nobody tells of the wheels."""
+    """‖Σ J_s Ω_w a‖ [N·m·s] at each instant, shape (n,); None if the wheels are not on record."""
     if not has(record, wheels.SPEED.name):
         return None
     plant, speeds = record.parameters.get(PLANT, {}), record[wheels.SPEED.name]
@@ -78,7 +78,7 @@ def judge_fuel(run: Measured) -> Iterator[Requirement]:
     if not has(run.record, FUEL_USED.name):
         return
     tank, why = run.plant.get(FUEL.name), run.changed(PLANT, FUEL.name)
-    if not (isinstance(tank, float) and np.isfinite(tank)):  # what somebody wrote into a bag
+    if not (isinstance(tank, float) and np.isfinite(tank)):  # a bag may hold any parameters
         tank, why = 0.0, why or f"no tank ({FUEL.name} of {PLANT}) on record"
     used = run.largest_of(FUEL_USED.name)
     yield run.row("fuel", used, tank, FUEL_USED.unit, why, strict=True)

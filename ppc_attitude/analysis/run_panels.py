@@ -140,7 +140,7 @@ def components(axes: Axes, t: Array, values: Array, names: Sequence[str] = ()) -
 
 
 def points(axes: Axes, t: Array, values: Array) -> None:
-    """Draw the components of what comes with some instants only, with their names."""
+    """Draw the components of a column with samples at some instants only, with their names."""
     for axis, colour, component in zip(AXES, AXIS_COLOURS, values.T, strict=False):
         axes.plot(t, component, ".", color=colour, markersize=1.5, label=axis)
 

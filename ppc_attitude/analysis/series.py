@@ -38,7 +38,7 @@ class AnalysisError(ValueError):
 
 
 def once(function: _OfRecord[_Names, _Found]) -> _OfRecord[_Names, _Found]:
-    """Let what is computed of a record, and of names, be computed once; nobody may change it."""
+    """Keep the result of a function of a record, and of names; nobody may change the result."""
 
     @wraps(function)
     def kept(record: RunRecord, /, *names: _Names.args, **others: _Names.kwargs) -> _Found:
@@ -59,7 +59,7 @@ def zero_ns(record: RunRecord) -> int:
     """Stamp [ns] at which the time of the run is zero.
 
     Our plant's stamps count from the begin of the run, and a recorder that came late has missed
-    what was before. Of somebody else's clock the first instant on record is the begin.
+    what was before. With any other clock the run begins at the first instant on record.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def is_finite(record: RunRecord, column: str) -> Mask:
 
 
 def take_for_finite(record: RunRecord, columns: Iterable[str]) -> None:
-    """Have columns taken for finite throughout, by who saw their numbers when they were written."""
+    """Let columns count as finite throughout: the caller has seen their numbers."""
     always = np.ones(record.stamps_ns.size, np.bool_)
     for column in columns:
         record.derived[_key(is_finite, column)] = always

@@ -58,7 +58,7 @@ class Errors:
     Attributes
     ----------
     quaternions : ndarray, shape (n, 4)
-        q⁻¹ ⊗ q' at each instant, x y z w; NaN where it is not known.
+        base⁻¹ ⊗ attitude at each instant, x y z w; NaN where it is not known.
     """
 
     quaternions: Array
@@ -135,7 +135,7 @@ def knowledge_errors(record: RunRecord) -> Errors:
     """
     errors = errors_between(record, TRUE_ATTITUDE.column, ATTITUDE.column)
     truth, told = samples(record, TRUE_ATTITUDE.column), samples(record, ATTITUDE.column)
-    # An attitude times its own inverse is off by its rounding: who is told the truth knows it.
+    # An attitude times its own inverse is off by rounding: if told and truth are equal, it is 0.
     exact = (truth == told).all(axis=1) & truth.any(axis=1)
     return Errors(np.where(exact[:, None], STRAIGHT, errors.quaternions)) if exact.any() else errors
 
