@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which wheel gives how much of a torque: the least load of the most loaded one.
+"""Allocation of a torque to wheels, so that the most loaded wheel has the least load (minimax).
 
-The largest load of any wheel is least if the wheels off some plane give their utmost and the rest
-is left to those within (Markley, Reynolds, Liu, Lebsock 2010): for all planes that two axes span,
-with normal m, load = tᵀm / Σ max(low aᵀm, high aᵀm). Here limits may differ between wheels and
-directions. What is left lies in the plane, and there the same is done for the lines of its axes.
-Where the wheels that are left span a plane or a line alone, it is done from there on.
+The largest load is least if the wheels off some plane give their utmost and the rest is left to
+those within (Markley, Reynolds, Liu, Lebsock 2010): of all planes that two axes span, with normal
+m, it is the one with the largest load = tᵀm / Σ max(low aᵀm, high aᵀm). Here limits may differ
+between wheels and directions. The torque that is left lies in the plane, and there the same is done
+for the lines of its axes. If the wheels span a plane or a line only, it begins there.
 """
 
 from itertools import product
@@ -87,7 +87,7 @@ def _support(direction: Vector, wheels: WheelArray) -> float:
 def _heavier(
     normal: Vector, t: Vector, wheels: WheelArray, best: tuple[float, Vector]
 ) -> tuple[float, Vector]:
-    """Larger load of what was known and the two directions of a normal, with its direction."""
+    """Largest of the best load so far and the loads along ±normal, with its direction."""
     length = norm(normal)
     if length < _PARALLEL:
         return best
@@ -103,7 +103,7 @@ def _heavier(
 
 @kernel
 def _span(wheels: WheelArray) -> tuple[int, Vector]:
-    """How many dimensions the wheels span that are not lost; of two the normal, of one the line."""
+    """Rank of the wheels that are not lost; of rank 2 the plane's normal, of rank 1 the line."""
     rank, found = 0, ZERO
     for k in range(wheels.number):
         if wheels.lost[k]:
@@ -163,7 +163,7 @@ def allocate(t: Vector, wheels: WheelArray) -> tuple[float, int]:
 
 @kernel
 def _give(heaviest: tuple[float, Vector], t: Vector, wheels: WheelArray) -> Vector:
-    """Load each wheel that reaches along a direction; return what is left of t [N·m]."""
+    """Load each wheel that has a part along a direction; return what is left of t [N·m]."""
     load, direction = heaviest
     for k in range(wheels.number):
         along = dot(vector(wheels.axes[k]), direction)
@@ -206,11 +206,11 @@ def largest_torque(axes: NDArray[np.float64], limits: NDArray[np.float64]) -> fl
 
 
 def idle_speeds(free: NDArray[np.float64], inertia: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Speeds of wheels whose momenta cancel, by that of the fastest one, 1.
+    """Speeds of wheels whose momenta cancel, as shares of the fastest wheel's speed.
 
-    With more than one way to cancel, the slowest wheel is as fast as by any pattern of signs. A
-    wheel that is in no such way has to stand. Of equally fast wheels the last one turns forwards:
-    which one rounding makes the fastest, and the basis itself, differ between processors.
+    If there is more than one way to cancel, all patterns of signs are tried, and the one is taken
+    whose slowest wheel is fastest. A wheel that is in no such way stands. Of equally fast wheels
+    the last one turns forwards, because the basis and the rounding differ between processors.
 
     Parameters
     ----------

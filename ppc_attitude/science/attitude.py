@@ -43,7 +43,7 @@ _SMALL = 1e-4  # [rad²] below which a series of four terms is exact to rounding
 def unit_quaternion(name: str, values: ArrayLike) -> Quaternion:
     """Check that a quaternion x y z w is a unit one up to rounding, and normalise it.
 
-    One of ours is taken as it is, as from a message (`OWN_TOLERANCE`).
+    One whose norm is within `OWN_TOLERANCE` of 1 is taken as it is, as nodes do with messages.
 
     Parameters
     ----------
@@ -239,7 +239,7 @@ def attitude_errors(attitudes: Any, references: Any, errors: Any) -> None:
     """
     x, y, z, w = errors[0], errors[1], errors[2], errors[3]
     for k in range(w.size):
-        # Without views of columns the processor takes several instants at once.
+        # Indices instead of views of columns let the processor take several instants at once.
         q_s = (attitudes[0, k], attitudes[1, k], attitudes[2, k], attitudes[3, k])
         q_d = (references[0, k], references[1, k], references[2, k], references[3, k])
         # NaN from 0/0: kernels follow NumPy's error model.

@@ -18,7 +18,7 @@ A part is a `Component`: parameters, a configuration built from them, what it re
 it reads, the columns it gives, and one step. Loop, nodes, recorder, reader, replay, campaign and
 figures take everything from these declarations; none of them lists fields.
 
-This file and `kinds` import neither kernels nor Numba, so that who only needs names stays light.
+This file and `kinds` import neither kernels nor Numba, so a program that only needs names is light.
 """
 
 import math
@@ -44,7 +44,7 @@ MAX_WHEELS, MAX_THRUSTERS = 8, 16
 UNIT_TOLERANCE = 1e-3
 """How far the norm of a quaternion may be from 1; it is normalised."""
 OWN_TOLERANCE = 1e-12
-"""How near 1 it is of one of ours: normalising it again would change its last bits."""
+"""How far the norm of one of ours may be from 1: normalising it would change its last bits."""
 FIX_VARIANCE = math.pi**2
 """Largest variance of a fix [rad²]: no attitude is further from another than π."""
 GYRO_VARIANCE = 1e5
@@ -52,21 +52,21 @@ GYRO_VARIANCE = 1e5
 
 
 def norm_of(a: Any) -> float:
-    """‖a‖ of the four numbers with which `a` begins, for nodes too; `attitude` compiles it."""
+    """‖a‖ of the first four numbers of `a`; plain Python for nodes, compiled in `attitude`."""
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2] + a[3] * a[3])
 
 
 class Joints(NamedTuple):
-    """Parts of one sort that have a number each, in a list of a sensor_msgs/JointState.
+    """Parts of one sort, such as wheels: one number of each in a list of a sensor_msgs/JointState.
 
     Attributes
     ----------
     part : str
-        Name of one; _ and its number follow.
+        Name of a part, to which its message appends _ and the part's index.
     number : int
-        How many numbers there are, whatever the craft has.
+        How many numbers the column has, however many parts the craft has.
     place : int
-        Which list: 0 position, 1 velocity, 2 effort.
+        List of the message: 0 position, 1 velocity, 2 effort.
     """
 
     part: str
@@ -120,12 +120,12 @@ class Column:
     bound : str
         Name of the column that bounds the magnitude of its first numbers, where there is one.
     late : bool
-        True if it comes with some instants only and belongs to an earlier one: then one number more
-        is its age [s], its message has the stamp to which it belongs, and a row of zeros is no
-        message. Between nodes only an estimator may read it, and one that has the parameters
-        ``star_tracker.rate``, ``star_tracker.latency`` and ``initial_fix``: they say when it comes.
-        Each of these instants must have its message, for which nodes wait; one of form ``fix`` with
-        a zero quaternion and −1 as its first variance says that there is no fix.
+        True if it arrives at some instants only and was measured at an earlier one. Then it has one
+        number more, its age [s], as the last; its message has the stamp of the measurement; a row
+        of zeros is no message. Between nodes only an estimator may read it, one with the parameters
+        ``star_tracker.rate``, ``star_tracker.latency`` and ``initial_fix``, which say when it
+        arrives. Nodes wait for a message at each of these instants; a ``fix`` with a zero
+        quaternion and −1 as its first variance says that there is no fix.
     """
 
     name: str
@@ -171,15 +171,15 @@ class Column:
         return self.name, np.float64, (self.width,)
 
 
-_NOTHING = np.dtype([("nothing", np.float64)])  # state or configuration of who has none
+_NOTHING = np.dtype([("nothing", np.float64)])  # state or configuration of a part that has none
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Component:
-    """A part of the craft, or of what surrounds and steers it; it says nothing of what it has not.
+    """A part of the craft, or of what surrounds and steers it; what it lacks keeps its default.
 
-    A hook is asked through `hooks.named`. No two components are equal: to compare all that they
-    declare takes a while.
+    Hooks (`hooks.HOOKS`) are called through `hooks.named`. Components are compared by identity,
+    because comparing all that they declare takes a while.
 
     Attributes
     ----------
@@ -201,24 +201,24 @@ class Component:
     step : callable
         Kernel ``step(inputs, state, configuration, outputs)``, all of them records. The first has
         the fields `stamp_ns` and `t` [s], then one for each input; the last one for each output.
-        One of somebody else's that raises, or gives what no node takes (`given`), gives NaN.
+        If one of another package raises, or gives what no node takes (`given`), it gives NaN only.
     advice : callable
         From the state after a step to what the user should know.
     advices : callable
         From the state to the number of its latest advice, which rises with every new one.
     exact : callable
         Of our own sensors: from the parameter values to True if what they give is the truth itself,
-        which is then not recorded beside it. Of those of somebody else's it always is.
+        which is then not recorded. Beside sensors of another package the truth is always recorded.
     limits : tuple of str
-        Of actuators: the parameters that limit its torque, all of which a weaker one has smaller.
+        Of actuators: the parameters that limit its torque; a weaker one has all of them smaller.
     torque : callable, optional
         Of actuators whose limits are not on axes: what `torques` gives, from parameter values.
     faults : callable
         From parameter values to its parts that can fail, by name, each with a tuple of `Failure`;
-        if it has any it has the parameter `faults`.
+        a component with such parts has the parameter `faults`.
     least_impulse : callable, optional
-        Of actuators that act in pulses: from parameter values to the angular impulse [N·m·s] of the
-        least one of each part, body, shape (n, 3).
+        Of actuators that act in pulses: from parameter values to the angular impulse [N·m·s] of
+        each part's shortest pulse, body, shape (n, 3).
     bound : callable, optional
         Of environments: from parameter values to the bound of the torque's norm [N·m].
     motion_bounds : callable, optional
@@ -286,11 +286,11 @@ class Component:
         outputs: Iterable[Column] = (),
         **others: Any,
     ) -> "Component":
-        """Return a component that has all that this one has, and more, so its step may call ours.
+        """Return this component with further fields and columns, so its step may call this one's.
 
-        `made` has the type of each further field of the configuration, and what makes it of the
-        parameter values; `state` has further fields of the state, as of `record_type`. Parameters
-        and columns come after ours. All else, a step at least, takes the place of ours.
+        `made` has the type of each further field of the configuration, and the function that makes
+        it from the parameter values; `state` has further fields of the state, as for `record_type`.
+        Parameters and columns are appended. `others`, at least a step, replace attributes.
         """
         fields = ((field, kind) for field, (kind, _) in made.items())
         configuration = record_type(self.configuration, *fields)

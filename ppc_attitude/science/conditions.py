@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Conditions on parameters, which `check` tells, and what a component may compare its own with."""
+"""Conditions on parameters, which `check` prints, and the task that they are checked against."""
 
 import math
 import operator
@@ -37,7 +37,7 @@ class Condition:
     name : str
         Short name, the paper's where it has one.
     value, limit : float
-        What it is and what it is compared with.
+        The number, and what it is compared with.
     relation : str
         ``>``, ``≥`` or ``≤``: how value and limit must compare.
     unit : str
@@ -93,20 +93,20 @@ class Task:
     duration : float
         Length of the run [s]; 0 if it has no end.
     desired_rate : float or None
-        Largest ‖ω_d‖ [rad/s], with goals that of a slew, which one that is broken off may exceed;
-        None if nobody knows it.
+        Largest ‖ω_d‖ [rad/s]; None if nobody knows it. With goals it is that of a whole slew, which
+        a slew that is broken off may exceed.
     slews_from : float or None
         When the first slew begins [s], infinite if none is scheduled; None without slews.
     actuator_torque : float
-        Torque on an axis [N·m] that the actuator gives in any direction; of one that does not tell
-        it is what the law may ask for.
+        Torque on an axis [N·m] that the actuator gives in any direction; if the actuator does not
+        tell, the limit of what the law may ask for.
     torque : float
-        The lesser of it and what the law may ask for [N·m].
+        The lesser of `actuator_torque` and what the law may ask for [N·m].
     hold : float
         Time [s] for which an answer to an error holds: a step, or a period of thrusters.
     first_answer : float
-        How many times the acceleration that a law counts on a torque gives at first, at most:
-        flexible modes follow later. Without them it is 1.
+        Largest ratio of the acceleration that a torque gives at first to the one that a law counts
+        on: flexible modes follow later. Without them it is 1.
     attitude_sigma, rate_sigma : float
         σ of the noise in q_ev [1], and in z2 [rad/s] of a law with `k`, `M_omega` and `beta` of
         `ppc`, on the worst axis; 0 if nobody knows it.
@@ -115,9 +115,9 @@ class Task:
     settled : tuple of float
         Required limits of max_i |q_ev,i| and ‖q_ev‖.
     deadline : float
-        When the error must be within them [s].
+        When the error must be within these limits [s].
     wish : str
-        What must settle, for a reader.
+        The requirement, in words.
     """
 
     craft: Mapping[str, Any]
@@ -137,10 +137,10 @@ class Task:
     wish: str
 
     def settles(self, name: str, needs: float, who: str) -> Iterator[Condition]:
-        """Compare the time [s] that somebody needs to settle from rest with the deadline.
+        """Compare the time [s] that a law or limit needs to settle from rest with the deadline.
 
-        It is advice: who turns at the start, or about another axis, may be faster. Nothing is asked
-        of a craft that starts within the required accuracy.
+        It is advice: a craft that turns at the start, or about another axis, may be faster. Nothing
+        is asked of a craft that starts within the required accuracy.
         """
         x, y, z, _ = self.error
         component, whole = self.settled

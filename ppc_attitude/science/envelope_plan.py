@@ -102,7 +102,7 @@ def _turn_rate(phi: float, rho: float, gains: Any) -> float:
 def _present_turn(
     phi: float, q_e: Quaternion, omega_e: Vector, gains: Any
 ) -> tuple[float, float, float]:
-    """φ' [rad/s] now; time [s] and φ'' [rad/s²] with which torque makes it the asked one."""
+    """φ' [rad/s] now; time [s] and |φ''| [rad/s²] with which the torque makes it the asked one."""
     q = vector(q_e)
     length = norm(q)
     axis = scale(sign(q_e[3]) / length, q) if length > 0.0 else (1.0, 0.0, 0.0)
@@ -191,9 +191,9 @@ def least_settling_time(q_e: Quaternion, component: float, whole: float, gains: 
     q_e : tuple of 4 float
         Error x y z w at the start.
     component, whole : float
-        What the largest |q_ev,i| and ‖q_ev‖ must come down to.
+        Limits for the largest |q_ev,i| and for ‖q_ev‖.
     gains : record
-        Of the law `ppc`.
+        Configuration of the law `ppc`.
 
     Returns
     -------
@@ -327,7 +327,7 @@ def revise_plan(plan: Any, t: float, q_e: Quaternion, omega_e: Vector, gains: An
 
 @kernel
 def carry_on(plan: Any, t: float, gains: Any) -> tuple[tuple[float, float], tuple[float, float]]:
-    """(ρ_ω0, ρ_ω0') and (ρ_q0, ρ_q0') of the plan at t [s]."""
+    """Nominal ρ_ω [rad/s] and nominal ρ_q of the plan at t [s], each with its rate."""
     since = t - plan.start
     falling = since - plan.hold
     clock = plan.attitude_clock + max(falling, 0.0) / plan.stretch

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The error that every floor raises for a value the user can correct."""
+"""The error that every layer raises for a value that the user can correct."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,7 +23,7 @@ _LONGEST = 4000  # characters
 class ConfigurationError(ValueError):
     """A parameter is wrong; the message names it, its value and what is allowed.
 
-    Who sends a million numbers does not get them back: the middle of a long message is left out.
+    The middle of a long message is left out, as a value may be a list of a million numbers.
     """
 
     def __init__(self, text: str) -> None:
@@ -34,7 +34,7 @@ class ConfigurationError(ValueError):
 
 @contextmanager
 def needed_by(what: str, extra: str) -> Iterator[None]:
-    """Import packages that only an extra of ours installs.
+    """Context in which to import packages that only an optional extra of ours installs.
 
     Raises
     ------

@@ -16,7 +16,7 @@
 
 A fault is a text such as ``wheel/2 effectiveness 0.3 from 40 for 10``. A component declares which
 of its parts can fail and how, keeps the faults that are its own in its configuration, and asks at
-each step which of them act. Of faults of one kind of one part the last one counts.
+each step which of them act. Of several faults of one kind and one part the last one counts.
 """
 
 import math
@@ -70,15 +70,15 @@ class Failure(NamedTuple):
     Attributes
     ----------
     kind : How
-        What becomes of it.
+        What happens to the part.
     numbers : int
-        How many numbers it takes.
+        How many numbers the fault takes.
     low, high : float
-        What they may be.
+        Range of these numbers.
     unit : str
         Their unit.
     multiplies : tuple of str
-        Parameters that it multiplies: one of them at least must not be zero.
+        Parameters that the fault multiplies: one of them at least must not be zero.
     """
 
     kind: How
@@ -135,19 +135,19 @@ class Fault(NamedTuple):
 
 
 def fault_of(text: str, shortest: float = 0.0) -> Fault:
-    """Take a fault apart.
+    """Parse the text of a fault.
 
     Parameters
     ----------
     text : str
         The fault.
     shortest : float
-        It must last so long [s].
+        Least allowed duration [s].
 
     Raises
     ------
     ConfigurationError
-        It is no such text, or a time is none; names it.
+        It is no such text, or a time is not allowed; the message names it.
     """
     found = _TEXT.fullmatch(" ".join(text.split()))
     if found is None:
@@ -172,7 +172,7 @@ def _number(text: str, name: str, word: str, low: float, high: float, unit: str)
 
 
 def fault_texts(values: Mapping[str, Any]) -> list[str]:
-    """Texts of all faults, from parameter values, be they of a bag of somebody else's."""
+    """Texts of all faults, from parameter values, which may come from a bag of unknown origin."""
     given = values.get(FAULTS.name, [])
     return [str(text) for text in given if str(text).strip()] if isinstance(given, list) else []
 
@@ -191,12 +191,12 @@ def acting_of(texts: Iterable[str], stamp_ns: int) -> list[str]:
 
 
 def see_that_parts_exist(values: Mapping[str, Any], parts: Parts) -> None:
-    """See that every fault is of one of the parts that the craft has.
+    """Check that every fault is of one of the parts that the craft has.
 
     Raises
     ------
     ConfigurationError
-        One is not; names it.
+        One is not; the message names it.
     """
     for text in fault_texts(values):
         if text.split()[0] not in parts:
@@ -207,7 +207,7 @@ def see_that_parts_exist(values: Mapping[str, Any], parts: Parts) -> None:
 
 
 def faults_of(values: Mapping[str, Any], parts: Parts) -> Any:
-    """Record of dtype `RECORD`: those of the faults that are of some parts.
+    """Record of dtype `RECORD` of those faults that are of the given parts.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ def faults_of(values: Mapping[str, Any], parts: Parts) -> Any:
     Raises
     ------
     ConfigurationError
-        A fault of one of the parts is none, or there are too many; names it.
+        A fault of one of the parts is invalid, or there are too many; the message names it.
     """
     record = np.zeros((), RECORD)[()]
     texts = fault_texts(values)
@@ -244,7 +244,7 @@ def faults_of(values: Mapping[str, Any], parts: Parts) -> Any:
 def _failure(
     text: str, fault: Fault, possible: tuple[Failure, ...], values: Mapping[str, Any]
 ) -> Failure:
-    """How a part fails by a fault, which takes as many numbers and has what it multiplies."""
+    """Return the failure that a fault names; check its numbers, and what it multiplies."""
     named = {each.kind.name.lower(): each for each in possible}
     if fault.kind not in named:
         raise ConfigurationError(
@@ -277,7 +277,7 @@ def acting(faults: Any, part: int, kind: How, stamp_ns: int) -> int:
 
 @kernel
 def number_of(faults: Any, part: int, kind: How, stamp_ns: int, without: float) -> float:
-    """Return the first number of a fault that acts, or what stands for none."""
+    """Return the first number of the fault that acts, or `without` if none does."""
     i = acting(faults, part, kind, stamp_ns)
     return float(faults.fault[i].value[0]) if i >= 0 else without
 
@@ -294,9 +294,9 @@ def fails(faults: Any, part: int, stamp_ns: int) -> bool:
 
 @kernel
 def faulty(asked: float, limit: float, faults: Any, part: int, stamp_ns: int) -> float:
-    """What an actuator gives of what it is asked: by effectiveness, with a bias; or stuck.
+    """Output of an actuator with faults: `asked` times its effectiveness, plus a bias; or stuck.
 
-    What fails gives no more than its limit either.
+    A fault does not make it exceed the limit.
     """
     weak = number_of(faults, part, How.EFFECTIVENESS, stamp_ns, 1.0) * asked
     biased = weak + number_of(faults, part, How.BIAS, stamp_ns, 0.0)

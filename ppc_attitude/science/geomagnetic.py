@@ -80,7 +80,7 @@ def field_of(days: float, degree: int = MOST_DEGREE) -> Any:
     days : float
         Days from J2000.
     degree : int
-        Of the series; 1 is the tilted dipole.
+        Degree of the series; 1 is the tilted dipole.
 
     Raises
     ------

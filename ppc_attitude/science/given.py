@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What nodes take of each other: a component of somebody else's gives nothing else.
+"""The outputs that nodes accept of each other, and that a component of another package may give.
 
-A node refuses numbers that are not finite or too large, an attitude that is none and an impossible
-variance, and normalises a quaternion that is nearly a unit one. The same is done here with what the
-step of a foreign component gives. So the loop in process gives the same numbers as the nodes, and
-the error names the component that gave them, not a node that waits for better ones.
+A node refuses numbers that are not finite or too large, a quaternion that is no attitude and an
+impossible variance, and normalises a quaternion that is nearly a unit one. Here the same is done
+with the outputs of a component of another package. So the loop in process gives the same numbers
+as the nodes, and the error names the component at fault, not a node that waits for its messages.
 """
 
 from collections.abc import Sequence
@@ -61,7 +61,7 @@ def _rule(column: Column) -> int:
 
 
 def rules_of(columns: Sequence[Column]) -> NDArray[np.int64]:
-    """Of each column its rule, its first place among the numbers, its width, and if it is late."""
+    """Each column's rule, first place among the numbers, width and `late`; shape (n, 4)."""
     starts = np.cumsum([0, *(column.width for column in columns)])
     return np.array(
         [
@@ -74,7 +74,7 @@ def rules_of(columns: Sequence[Column]) -> NDArray[np.int64]:
 
 @kernel
 def _has_unit(row: Any) -> bool:
-    """Whether a row begins with a quaternion; one that is nearly a unit one becomes one."""
+    """Whether a row begins with a unit quaternion; one that is nearly a unit one is normalised."""
     length = quaternion_norm(row)
     if not abs(length - 1.0) <= UNIT_TOLERANCE:
         return False
@@ -97,13 +97,13 @@ def _fits(row: Any, rule: int) -> bool:
 
 @kernel
 def misfit(given: Any, rules: Any) -> int:
-    """Which column of a step's numbers no node would take; −1 if there is none."""
+    """Index of the first column of a step's numbers that no node would take; −1 if all fit."""
     for k in range(rules.shape[0]):
         rule, start, width, late = rules[k]
         row = given[start : start + width]
         if late != 0 and not np.any(row):
             continue  # no message
-        if not np.all(np.abs(row) <= LARGEST):  # NaN is not either
+        if not np.all(np.abs(row) <= LARGEST):  # so written, it also refuses NaN
             return k
         if late != 0 and abs(row[width - 1]) > LATEST:
             return k
@@ -114,13 +114,13 @@ def misfit(given: Any, rules: Any) -> int:
 
 @kernel
 def take_all(given: Any, rules: Any) -> None:
-    """Normalise the quaternions of many steps, a row each, as every node does that takes them."""
+    """Normalise the quaternions of many steps, a row each, as every node that reads them does."""
     for k in range(given.shape[0]):
         misfit(given[k], rules)
 
 
 def misfit_text(columns: Sequence[Column], given: Any) -> str:
-    """What no node would take of a step's numbers, and what is allowed; empty if all fits."""
+    """Text that names the first output that no node would take, and what is allowed; or empty."""
     rules = rules_of(columns)
     k = misfit(given, rules)
     if k < 0:

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a component may be asked by its hooks, and what each of them may answer.
+"""The hooks of a component, and what each of them may return.
 
-Whatever else a hook does becomes an error that names it and its component, which may be of a
-package that its user did not write.
+Anything else that a hook does becomes an error that names the hook and the component, because the
+component may be of a package that its user did not write.
 """
 
 import re
@@ -31,7 +31,7 @@ from ppc_attitude.science.conditions import Condition
 from ppc_attitude.science.errors import ConfigurationError
 
 PART = re.compile(r"[\w/.+-]+")
-"""Name of a part that can fail: a word in the text of a fault."""
+"""Form of the name of a part that can fail, which is one word in the text of a fault."""
 
 
 class Advice(NamedTuple):
@@ -44,9 +44,9 @@ class Advice(NamedTuple):
     warning : bool
         True if the user should act.
     failed : bool
-        True if what it gives cannot be relied on any more.
+        True if the component's outputs cannot be relied on any more.
     numbers : mapping of str to float
-        What it counts and measures of itself, by name with unit.
+        What the component counts and measures of itself; each name contains its unit.
     """
 
     text: str
@@ -71,7 +71,7 @@ def _parts(given: Any) -> dict[str, Any]:
 
 
 def _size(given: Any) -> float:
-    if not float(given) >= 0.0:  # NaN is not either: it would be below every limit
+    if not float(given) >= 0.0:  # so written, it also refuses NaN
         raise ValueError(f"{given!r}; allowed: a number ≥ 0")
     return float(given)
 
@@ -114,12 +114,12 @@ HOOKS: dict[str, Callable[[Any], Any]] = {
     "motion_bounds": _bounds_of_motion,
     "conditions": _conditions,
 }
-"""What a component may be asked, and what is made of the answer."""
+"""Each hook by name, with the function that checks and converts its answer."""
 
 
 def named(component: str, hook: str, ask: Callable[..., Any]) -> Callable[..., Any]:
     """Return a hook that checks its answer, and whose errors name it and its component."""
-    ask = getattr(ask, "asks", ask)  # of a component that is replaced by this one
+    ask = getattr(ask, "asks", ask)  # unwrapped, if another component checked it before
 
     @wraps(ask)
     def asked(*given: Any) -> Any:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The inertia of a rigid body: what can be one."""
+"""The inertia of a rigid body: its checks, its principal moments, and how two of them differ."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,7 +37,7 @@ def inertia_matrix(name: str, values: ArrayLike) -> NDArray[np.float64]:
         inequality, so that no rigid body has it.
     """
     inertia = np.asarray(values, dtype=np.float64).reshape(3, 3)
-    rounding = 1e-14 * np.abs(inertia).max()  # what it may leave of a product that is zero
+    rounding = 1e-14 * np.abs(inertia).max()  # what it may leave of a zero product of inertia
     if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=rounding):
         raise ConfigurationError(f"{name} = {inertia.tolist()} must be symmetric")
     moments = np.linalg.eigvalsh(inertia)
@@ -66,7 +66,7 @@ def gyroscopic_share(inertia: NDArray[np.float64]) -> float:
 
 
 def inertia_error(known: NDArray[np.float64], true: NDArray[np.float64]) -> float:
-    """‖S‖ with J = Ĵ^½ (I + S) Ĵ^½, of nine numbers each [kg·m²]."""
+    """‖S‖ with J = Ĵ^½ (I + S) Ĵ^½ for a known Ĵ and the true J, nine numbers each [kg·m²]."""
     moments, axes = np.linalg.eigh(known.reshape(3, 3))
     root = axes / np.sqrt(moments) @ axes.T
     return float(np.abs(np.linalg.eigvalsh(root @ true.reshape(3, 3) @ root - np.eye(3))).max())

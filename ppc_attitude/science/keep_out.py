@@ -53,10 +53,10 @@ CONES = record_type(
 )
 _BITS: Any = np.array([0, -1])  # NumPy's integers, for the reason given in `frames`
 NO_CONE, EVERY_CONE = _BITS
-FOUND, GOAL_INSIDE, NO_WAY = range(3)  # what came of planning
+FOUND, GOAL_INSIDE, NO_WAY = range(3)  # outcomes of planning
 
 _STOP_MARGIN = math.radians(0.5)
-_TIE = 1e-9  # a way is shorter by more than this share: less may be a machine's rounding
+_TIE = 1e-9  # share by which a way must be shorter to count as such: less may be rounding
 _DISTANCES = (math.radians(3.0), math.radians(25.0))  # of stops beyond a cone's half angle
 _BEARINGS = 12
 _ROLLS = 4
@@ -210,7 +210,7 @@ def _clear_axis(
 
 @kernel
 def _way_out(nodes: Any, tried: Any, cones: Any, directions: Any, inside: int) -> int:
-    """Index of the stop or goal with the smallest turn from the start, inside cones; 0: none.
+    """Index of the stop or goal with the smallest turn from a start inside cones; 0: none.
 
     The cones round the start do not count on the way out; the others do. Stops that were tried
     already are left out.

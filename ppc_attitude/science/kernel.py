@@ -43,12 +43,12 @@ Quaternion: TypeAlias = tuple[float, float, float, float]  # x y z w
 Matrix: TypeAlias = tuple[Vector, Vector, Vector]  # rows
 ZERO: Vector = (0.0, 0.0, 0.0)
 STRAIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)  # no turn at all
-NO_ATTITUDE: Quaternion = (0.0, 0.0, 0.0, 0.0)  # what stands for one that nobody knows
+NO_ATTITUDE: Quaternion = (0.0, 0.0, 0.0, 0.0)  # stands for an unknown attitude
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 ir: Any = vars(cgutils)["ir"]  # the builder of machine code that Numba uses
-carray: Any = vars(numba)["carray"]  # Numba does not say that it exports it
-_SETTINGS: Any = _numba_config  # its names are made at run time
+carray: Any = vars(numba)["carray"]  # Numba does not list it among its exports
+_SETTINGS: Any = _numba_config  # Numba sets its attributes at run time, unseen by a type checker
 _CACHING: Any = caching  # where Numba looks up the class of its cache files
 _PACKAGE = __name__.partition(".")[0]
 
@@ -60,8 +60,8 @@ _OF_KERNELS: dict[str, Any] = {**OPTIONS, "nogil": True, "no_cfunc_wrapper": Tru
 
 def _cache_folder(package: str) -> str:
     """Where compiled kernels of a package are kept: one folder for each state of the sources."""
-    # Numba's own setting may come from a file in the folder where the user stands: what is loaded
-    # from a cache is executed.
+    # Numba's own setting is not used: a file in the working directory may give it, whoever wrote
+    # that file, and what is loaded from a cache is executed.
     root = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parent / "__pycache__")
     return str(root / f"ppc_attitude-{sources_of(package)}")
 
@@ -69,16 +69,16 @@ def _cache_folder(package: str) -> str:
 class CacheFile(caching.IndexDataCacheFile):
     """Entries of one function in the cache, each in a file that is named after its key.
 
-    Numba numbers the files by an index that it has read before. Two processes that save at once
-    may give two entries one number, and for ever after the index leads from one step to the machine
-    code of another. Here the index may lose an entry, which is compiled again, as is what cannot be
-    read: a machine that stopped may have left a file half written.
+    Numba numbers the files by the index that it read last. If two processes save at once, both may
+    use one number, and from then on the index leads from one step to the machine code of another.
+    With names made from keys the index can at worst lose an entry, which is then compiled again. A
+    damaged file is compiled again, too: the machine may have stopped while it was written.
     """
 
     def load(self: Any, key: Any) -> Any:
         """Return the machine code of a key; None if there is none, or it is damaged."""
         whole: Any = super()
-        with suppress(Exception):  # what unpickles a damaged file raises anything
+        with suppress(Exception):  # unpickling a damaged file may raise any exception
             return whole.load(key)
 
     def _load_index(self: Any) -> Any:
@@ -108,7 +108,7 @@ class CacheFile(caching.IndexDataCacheFile):
 
 
 class _Unopened(caching.NullCache):
-    """Cache of a kernel until its first call: to open all took a tenth of a start."""
+    """Stand-in for a kernel's cache until its first call: opening all took a tenth of a start."""
 
     def __init__(self, compiled: Any) -> None:
         self._compiled = compiled
@@ -120,17 +120,17 @@ class _Unopened(caching.NullCache):
 
 
 def open_cache(compiled: Any, module: str) -> None:
-    """Let a compiled function of a module have its cache in the folder of the module's package.
+    """Open the cache of a compiled function in the cache folder of its module's package.
 
-    Numba reads its process-wide settings when it opens a cache, so they are put back at once, and
-    functions of somebody else's are cached where they belong. Where the folder cannot be written,
-    Numba falls back to one of the user's own, of all states of the sources, so these are in the key
-    of what is kept there. Threads do this one after the other, or one would put back
-    what the other has set, and Numba would write to the folder where the user stands.
+    Numba reads its process-wide settings when it opens a cache. They are changed for this call
+    only, so that functions of other packages are cached where they belong. If the folder cannot be
+    written, Numba falls back to a folder of the user's, which all states of the sources share; so
+    their digest is part of each key. A lock admits one thread at a time: otherwise one thread would
+    restore what another has set, and Numba would write to the working directory.
 
-    Before it looks into a cache, Numba imports all that it compiles with, two hundred modules,
-    which took a third of the time in which a command starts. Machine code of ours needs no more
-    than its runtime; that of somebody else may need what an extension of Numba brings.
+    Before it reads a cache, Numba imports its whole compiler, two hundred modules, which took a
+    third of the start of a command. Machine code of this package needs only Numba's runtime, so
+    `_load` skips the import; code of other packages may need an extension of Numba.
 
     Raises
     ------
@@ -175,20 +175,20 @@ def kernel(function: _Function) -> _Function:
 def inlined(function: _Function) -> _Function:
     """Compile a kernel into each that calls it.
 
-    For what is given or gives many numbers at every step: a call writes them to memory, and
-    whoever reads them at once waits for that.
+    For a function that takes or returns many numbers at every step: a call would write them to
+    memory, and reading them at once would have to wait for that.
     """
     return _compiled(function, inline=True)
 
 
 def _compiled(function: _Function, inline: bool) -> _Function:
-    # The columns of a record lie side by side. A kernel of somebody else's that writes beyond one
-    # would change the next, or other memory, and nobody would notice: its bounds are checked.
+    # The columns of a record lie side by side. A kernel of another package that writes beyond one
+    # would change the next, or other memory, and nobody would notice. So its bounds are checked.
     package = function.__module__.partition(".")[0]
     options = {**_OF_KERNELS, "forceinline": inline, "boundscheck": package != _PACKAGE}
     compiled: Any = numba.njit(**options)(function)
     compiled._cache = _Unopened(compiled)
-    sources_of(package)  # as they are now
+    sources_of(package)  # takes the digest now: the files may change before the first call
     return cast(_Function, compiled)
 
 
@@ -226,13 +226,13 @@ def _pointer_of(context: Any, record: Any) -> Any:
 call_step: Any = intrinsic(_call_step)
 """Call the step at an address with the addresses of its four records."""
 pointer_to: Any = intrinsic(_pointer_of)
-"""The pointer that leads to a record."""
+"""Pointer to a record."""
 _point: Any = intrinsic(_pointer)
 
 
 @kernel
 def array_at(address: int, count: int, dtype: Any) -> Any:
-    """Array of `count` records at an address that stands in a record of configuration."""
+    """View of `count` elements of `dtype` at an address, which a configuration record holds."""
     return carray(_point(address), count, dtype)
 
 
@@ -279,7 +279,7 @@ def store_quaternion(target: Any, a: Quaternion) -> None:
 def copy(target: Any, source: Any) -> None:
     """Write one row of numbers into another of its length.
 
-    Of `target[:] = source` Numba would also compile the text of what it raises for other lengths.
+    For `target[:] = source` Numba would also compile the error message for unequal lengths.
     """
     for k in range(len(target)):
         target[k] = source[k]

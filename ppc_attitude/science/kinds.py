@@ -14,9 +14,9 @@
 
 """The kinds of component, and every component of ours by kind.
 
-A new component is one file and one line here. A package of somebody else's adds one without
-touching ours: an entry point of the group ``ppc_attitude.<kind>`` that leads to a `Component`, of
-any kind of which a parameter selects one.
+A new component is one file and one line here. Another package adds one without touching ours, by
+an entry point of the group ``ppc_attitude.<kind>`` that leads to a `Component`. That works for
+every kind from which a parameter selects a component.
 """
 
 import warnings
@@ -50,7 +50,7 @@ _installed = cache(entry_points)
 
 
 def _warn(text: str) -> None:
-    """Warn of a component of somebody else's; no line of ours has to do with it."""
+    """Warn of a component of another package; no line of ours is the cause, so none is shown."""
     warnings.warn_explicit(text, UserWarning, "ppc_attitude", 0)
 
 
@@ -73,7 +73,7 @@ class Kind:
     optional : bool
         True if there may be none, which is then the default.
     switch : mapping of bool to str
-        What true and false select.
+        Components that the values true and false select.
     read_only : bool
         True if one can be selected at start only.
     front : str
@@ -103,7 +103,7 @@ class Kind:
                 _warn(f"{origin} is left out: {error}")
             except KeyboardInterrupt:
                 raise
-            except BaseException as error:  # somebody else's may fail in any way
+            except BaseException as error:  # one of another package may fail in any way
                 _warn(f"{origin} cannot be loaded: {error!r}")
             else:
                 found[component.name] = component
@@ -117,11 +117,11 @@ class Kind:
 
     @cached_property
     def origins(self) -> dict[str, str]:
-        """Entry point of each component of somebody else's; empty before they are loaded."""
+        """Entry point of each component of another package; empty before they are loaded."""
         return {}
 
     def leave_out(self, name: str, problem: str) -> None:
-        """Leave out a component of somebody else's that does not go with the others, and warn.
+        """Leave out a component of another package that does not go with the others, and warn.
 
         Raises
         ------
@@ -134,19 +134,19 @@ class Kind:
         _warn(f"{self.origins.pop(name)} is left out: {problem}")
 
     def _completed(self, component: Component) -> Component:
-        """Put what every component of this kind has in common before it."""
+        """Put before a component what every component of this kind has in common (`front`)."""
         if not self.front:
             return component
         completed: Component = import_module(self.front).with_front(component)
         return completed
 
     def _fitting(self, component: Any, others: Mapping[str, Component]) -> Component:
-        """Return something if it can be a component of this kind.
+        """Return what an entry point gave, if it can be a component of this kind.
 
         Raises
         ------
         ConfigurationError
-            It cannot; says why.
+            It cannot be one; the message says why.
         """
         if not isinstance(component, Component):
             raise ConfigurationError(f"it is a {type(component).__name__}, not a Component")
@@ -262,7 +262,7 @@ KINDS = (
 
 
 def warn_of_unknown_groups() -> None:
-    """Warn of entry points whose group begins as ours do, and is that of no kind to select from."""
+    """Warn of entry points whose group begins as ours do, but is that of no selectable kind."""
     groups = {f"{_GROUP}{kind.name}" for kind in KINDS if kind.selector}
     problem = f"is left out: allowed groups: {', '.join(sorted(groups))}"
     for group in _installed().groups - groups:
@@ -277,7 +277,7 @@ def all_components(kinds: Iterable[Kind] = KINDS) -> Iterator[Component]:
 
 
 def ours_first(kinds: Iterable[Kind]) -> list[tuple[Kind, Component]]:
-    """Return every component of some kinds with its kind; those of somebody else come last."""
+    """Return every component of some kinds with its kind; those of other packages come last."""
     found = [(kind, component) for kind in kinds for component in kind.components.values()]
     return sorted(found, key=lambda each: each[1].name in each[0].origins)
 

@@ -14,9 +14,10 @@
 
 """Sums and multiples of three-vectors, computed in the lanes of one register of the processor.
 
-LLVM does not find out by itself that the three numbers of a vector go the same way. It pays where
-a vector stays in its register over several operations, as in products of matrices; a single sum
-loses what it wins. Every lane rounds as a number alone does, so the numbers are the same.
+LLVM does not find out by itself that the three numbers of a vector take the same operations. Lanes
+pay where a vector stays in its register over several operations, as in products of matrices; for a
+single sum packing costs as much as it saves. Every lane rounds as scalar arithmetic does, so the
+results are the same to the last bit.
 """
 
 from typing import Any
@@ -28,7 +29,7 @@ from ppc_attitude.science.kernel import ir
 
 _PLACES = [ir.Constant(ir.IntType(32), k) for k in range(3)]
 _LANES = ir.VectorType(ir.DoubleType(), 4)
-_VECTOR: Any = vars(types)["UniTuple"](types.float64, 3)  # its functions carry no types
+_VECTOR: Any = vars(types)["UniTuple"](types.float64, 3)  # Numba does not annotate it
 
 
 def _packed(builder: Any, numbers: Any) -> Any:
@@ -42,7 +43,7 @@ def _packed(builder: Any, numbers: Any) -> Any:
 
 
 def _by_lanes(operation: str, first: Any) -> Any:
-    """Operation of the machine on a vector, or one number, and a vector."""
+    """Machine operation on two operands: a vector or one number, and a vector."""
 
     def compute(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         lanes = getattr(builder, operation)(*(_packed(builder, each) for each in arguments))

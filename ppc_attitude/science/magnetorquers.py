@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Magnetorquers: what a configuration says of them, and the law that unloads wheels.
+"""Magnetorquers: their parameters and columns, and the law that unloads wheels.
 
-In a field B a dipole m is turned by m × B. By the cross-product law (Markley and Crassidis,
-section 7.5) m = (k/B²) (Δh × B), so that m × B = −k Δh⊥: what is across the field of a momentum Δh
-goes, and along the orbit the field turns.
+In a field B a dipole m makes the torque m × B. By the cross-product law (Markley and Crassidis,
+section 7.5) m = (k/B²) (Δh × B), so that m × B = −k Δh⊥: of a momentum Δh only the part across the
+field is removed; but along the orbit the field turns.
 """
 
 import math
@@ -126,7 +126,7 @@ RODS = dict.fromkeys(
     (Failure(How.EFFECTIVENESS, 1, 0.0, 1.0), Failure(How.STUCK, 1, unit="A·m²")),
 )
 """Each rod by its name, and how it can fail."""
-_CHANNEL = 28  # of the noise, and the next; sensors have those below
+_CHANNEL = 28  # of the noise, as is the next one; sensors have those below
 
 
 def magnetorquer_record(values: Mapping[str, Any]) -> Any:
@@ -166,11 +166,11 @@ def unloading_dipole(excess: Vector, b: Vector, step: int, rods: Any) -> Vector:
     Parameters
     ----------
     excess
-        Momentum Δh [N·m·s] that is to go.
+        Momentum Δh [N·m·s] that is to be removed, body axes.
     b
-        True field B [T]; the law measures it with noise.
+        True field B [T], body axes; the law measures it with noise.
     step
-        To which the noise belongs.
+        Step to which the noise belongs.
     rods
         Record of dtype `MAGNETORQUERS`.
     """
@@ -188,8 +188,8 @@ def unload(inputs: Any, wheels: Any, held: Any, rods: Any) -> Vector:
     Parameters
     ----------
     inputs
-        Record with the instant, the true field, and the speed of each wheel. All their momentum is
-        to go, because the momenta h* to which a drive leads the wheels cancel.
+        Record with the instant, the true field, and the speed of each wheel. All their momentum
+        counts as Δh, because the momenta h* to which a drive leads the wheels cancel.
     wheels, held, rods
         Records of dtype `WHEELS`, `HELD` and `MAGNETORQUERS`.
     """

@@ -58,7 +58,7 @@ from ppc_attitude.science.wheels import WHEELS, friction, momentum, steepest
 MAX_MODES = 6
 _MAX_PHASE = 0.3  # [rad] by which the fastest mode may turn in a step
 _PHASE = 0.07  # [rad] in a part of a step; there Runge-Kutta is off by 3e-9 rad after a minute
-# By a speed over which friction bends: where it is smooth again, what may be crossed in a part.
+# Times a speed over which friction bends: where it is smooth again, and what a part may cross.
 _SMOOTH, _CROSSED = 10.0, 0.5
 FREQUENCY = at_start(
     "flexible.frequency",
@@ -99,7 +99,7 @@ STATE = record_type(
     ("stamp_ns", np.int64),  # of the motion below
     ("motor", np.float64, (MAX_WHEELS,)),  # [N·m] u, held over the step
     ("motion", np.float64, (_SIZE,)),
-    # What the integration of a step works with.
+    # Scratch memory of the integration.
     ("between", np.float64, (_SIZE,)),
     ("slopes", np.float64, (_SIZE,)),
     ("sum", np.float64, (_SIZE,)),
@@ -134,8 +134,8 @@ def multibody_record(values: Mapping[str, Any], wheels: Any) -> Any:
 def _see_that_steps_follow(craft: Any) -> None:
     """Refuse friction that takes more than all speed of the wheels within a step.
 
-    Wheels that hold much of the craft's inertia turn the craft back, which shares the speed between
-    them: it falls the faster.
+    Friction also turns the craft after its wheels. If these hold much of the craft's inertia, their
+    relative speed falls the faster.
     """
     wheels, turning = craft["wheels"], slice(craft["wheels"]["count"])
     axes, inertia = wheels["axes"][turning], wheels["inertia"][turning]
@@ -169,10 +169,10 @@ def _modes(values: Mapping[str, Any]) -> Any:
 
 
 def _fastest(values: Mapping[str, Any], modes: Any, inertia: NDArray[np.float64]) -> float:
-    """How fast [rad/s] a mode turns, or its damping takes its speed, at most.
+    """Largest frequency of a mode, or rate of its damping, with the body free [rad/s].
 
-    Free, it is faster than with the body held, and damped faster. What turns too far in a step, or
-    is damped by more than its speed, is refused.
+    With the body free both are larger than with the body held. A mode that turns too far in a step,
+    or that damping would reverse in a step, is refused.
     """
     delta, rate = modes["coupling"], float(values["rate"])
     mass = np.eye(MAX_MODES) - delta @ np.linalg.solve(inertia, delta.T)
@@ -267,7 +267,7 @@ def _integrate(state: Any, torque: Vector, craft: Any, h: float) -> None:
     total[:] = 0.0
     for stage in range(4):
         _slopes(between, state.motor, torque, craft, slopes)
-        weight = 2.0 if stage in (1, 2) else 1.0  # a set would be made anew each time
+        weight = 2.0 if stage in (1, 2) else 1.0  # a tuple: a set would be built each time
         ahead = h if stage == 2 else 0.5 * h
         for k in range(_SIZE):
             total[k] += weight * slopes[k]

@@ -126,9 +126,9 @@ def normal_pair(seed: int, step: int, draw: int) -> tuple[float, float]:
 
 @kernel
 def normal_pairs(seed: int, step: int, channel: int, count: int, pairs: Any) -> None:
-    """Write so many pairs to `pairs`, shape (2, ≥ count).
+    """Write `count` pairs to `pairs`, shape (2, ≥ count).
 
-    They are of four channels from one on, of a step, then of the next one, and so on.
+    They are those of four channels from `channel` on, of `step`, then of the next step, and so on.
     """
     # No pair depends on another, nor a branch on a number: the processor computes as many at a
     # time as it has lanes, four or eight, if `count` is no constant that would unroll the loop.

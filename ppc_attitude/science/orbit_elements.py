@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Orbit and date from a node's parameters: by classical elements, or by two lines.
+"""Orbit and date from a node's parameters: from classical elements, or a two-line element set.
 
 A two-line element set is propagated to the start of the run by SGP4. Its true equator and mean
 equinox (TEME) are taken as our inertial frame: they differ by the nutation, less than 0.006°.
@@ -79,8 +79,8 @@ def orbit_of(values: Mapping[str, Any]) -> Any:
     Raises
     ------
     ConfigurationError
-        The perigee is below Earth's surface, or the package sgp4 is missing, the two lines are no
-        orbit, or their epoch is too far.
+        The perigee is below Earth's surface, or the package sgp4 is missing, the two lines give no
+        orbit, or their epoch is too far from that of the run.
     """
     if values[TLE.name]:
         return _by_lines(values)
@@ -203,8 +203,8 @@ def _lines(text: str) -> list[str]:
                 f"line {number} of {TLE.name} ends in {line[-1]!r}; allowed: its checksum, {total}"
             )
     try:
-        twoline2rv(*lines, wgs72)  # the class that propagates takes anything for a number
-    except (ValueError, ArithmeticError, TypeError) as error:  # the last of complex numbers
+        twoline2rv(*lines, wgs72)  # a check, as Satrec takes any text for a number
+    except (ValueError, ArithmeticError, TypeError) as error:  # TypeError from complex numbers
         told = str(error).partition("\n")[0]
         raise ConfigurationError(
             f"{TLE.name} = {lines} gives no orbit: {told}; allowed: a two-line element set"

@@ -64,8 +64,8 @@ class Parameter:
     switch : mapping of bool to str
         Choices that true and false stand for.
     agreed : bool
-        True if all nodes that use it as such must have one value: it says what they exchange, or
-        what the craft is.
+        True if all nodes that use it must have the same value, because it describes what they
+        exchange, or the craft itself.
     """
 
     name: str
@@ -148,14 +148,14 @@ class Parameter:
             yield f"≤ {exact_text(self.high)}"
 
     def demand_declarable(self) -> None:
-        """See that a node can declare it: one declares the parameters of all that it might run.
+        """Check that a node can declare it: a node declares those of all components it might run.
 
         Raises
         ------
         ConfigurationError
-            The default is none that is allowed.
+            The default is not allowed.
         ValueError
-            Name, description or unit is none.
+            The name is no parameter name, or the description or the unit is no text.
         """
         texts = (self.name, self.description, self.unit)
         if not all(isinstance(each, str) for each in texts) or not _NAME.fullmatch(self.name):
@@ -172,7 +172,7 @@ class Parameter:
         Raises
         ------
         ConfigurationError
-            Wrong type, length, range or not finite; names the parameter, value and what is allowed.
+            Wrong type, length or range, or not finite; the message says what is allowed.
         """
         if not self.is_list:
             scalar: Value = self._element(value, self.default)
@@ -215,11 +215,11 @@ class Parameter:
 
 
 at_start = partial(Parameter, read_only=True)
-"""Make a parameter that only has effect at start."""
+"""Make a parameter that takes effect at start only."""
 RATE = at_start(
     "rate", 100.0, "steps per second of simulated time", "Hz", low=1.0, high=10000.0, agreed=True
 )
-"""Of the plant, and of whatever else counts in its steps."""
+"""Parameter of the plant, and of every node that counts the plant's steps."""
 
 
 def record_type(*fields: Any) -> np.dtype[Any]:
@@ -228,8 +228,8 @@ def record_type(*fields: Any) -> np.dtype[Any]:
     Parameters
     ----------
     fields : Parameter, Column, numpy.dtype or tuple
-        A parameter's number, or numbers if it has a certain length, by the last part of its name; a
-        column; all fields of another type; or a field as NumPy describes it.
+        A parameter (its field has the last part of its name, and its length if it is a list), a
+        column, a type of which all fields are taken, or a field as NumPy describes it.
     """
     described: list[Any] = []
     for each in fields:
@@ -241,7 +241,7 @@ def record_type(*fields: Any) -> np.dtype[Any]:
 
 
 def filled(kind: np.dtype[Any], values: Any, group: str = "", **made: Any) -> Any:
-    """Record whose fields are made, or are the values of parameters.
+    """Record whose fields are the given ones, and otherwise values of parameters.
 
     Parameters
     ----------
@@ -250,9 +250,9 @@ def filled(kind: np.dtype[Any], values: Any, group: str = "", **made: Any) -> An
     values : mapping
         Checked parameter values, or a record that has the other fields.
     group : str
-        What stands before the names of the fields in those of the parameters, with its dot.
+        Prefix, with its dot, of the parameters' names before the names of the fields.
     made : value
-        Fields by their names.
+        Values of fields that no parameter has, by name.
     """
     record = np.zeros((), kind)[()]
     for name in kind.names or ():
@@ -261,7 +261,7 @@ def filled(kind: np.dtype[Any], values: Any, group: str = "", **made: Any) -> An
 
 
 def exact_text(limit: float) -> str:
-    """Write a limit short if no digit is lost: a rounded one may itself not be allowed."""
+    """Write a limit short if no digit is lost: a rounded limit might itself not be allowed."""
     short = f"{limit:g}"
     return short if float(short) == limit else repr(limit)
 
@@ -307,7 +307,7 @@ def checked(table: Iterable[Parameter], chosen: Mapping[str, Any], owner: str) -
 
 
 def unknown(name: str, known: Collection[str], owner: str) -> str:
-    """Say that nobody knows a name, and the nearest one that is known."""
+    """Say that the owner has no parameter of a name, and name the nearest one that it has."""
     return f"{owner} has no parameter {name}{nearest(name, known)}"
 
 

@@ -55,7 +55,7 @@ Row: TypeAlias = tuple[float, ...]
 
 @cache
 def _compiled(key: str) -> Any:
-    """Compile the step of the component of a key as a function of four addresses."""
+    """Compile the step of the component with this key as a C function of four addresses."""
     component = _components[key]
     step = kernel_of(component)
     function = vars(step)["py_func"] if _is_ours(component) else _guarded(component)
@@ -64,10 +64,10 @@ def _compiled(key: str) -> Any:
     compiled: Any = CFunc(function, (taken, types.void), {}, _OPTIONS)
     open_cache(compiled, step.__module__)
     with warnings.catch_warnings():
-        # The outputs of all laws begin alike, so what writes them for one may serve another.
+        # The output records of all laws begin alike, so Numba takes one for a subtype of another.
         warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
-        # Numba looks a closure up in its cache by the values that it encloses. A kernel is another
-        # object in every process, but a key is the same in all.
+        # Numba's key of a closure contains the values that it encloses. A kernel is another object
+        # in every process, but our key is the same in all.
         compiled._cache._index_key = lambda signature, codegen: (key, codegen.magic_tuple())
         compiled.compile()
     return compiled
@@ -78,9 +78,9 @@ def _guarded(component: Component) -> Any:
     rules = rules_of(component.outputs)
 
     def guarded(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
-        # An error of a step that is called by its address reaches nobody: Numba prints it, and
-        # goes on with the outputs of before. NaN is noticed by every reader, so it stands for an
-        # error, and for numbers that no node would take.
+        # An exception of a step that is called by its address reaches no caller: Numba prints it
+        # and leaves the outputs as they were. Every reader notices NaN, so NaN stands for an
+        # exception, and for numbers that no node would take.
         given = carray(pointer_to(outputs), count, np.float64)
         try:
             step(inputs, state, configuration, outputs)
@@ -98,12 +98,12 @@ def _is_ours(component: Component) -> bool:
 
 
 def kernel_of(component: Component) -> Any:
-    """Step of a component, seen to be a kernel of four records.
+    """Step of a component, checked to be a kernel of four records.
 
     Raises
     ------
     ConfigurationError
-        It is none.
+        The step is no such kernel.
     """
     step, name = component.step, component.name
     if not isinstance(step, Dispatcher):
@@ -135,7 +135,7 @@ def entry_point(component: Component) -> Any:
     except ConfigurationError:
         raise
     except Exception as error:  # not all that Numba raises is a NumbaError
-        # The innermost reason; around it stands what has led there.
+        # Only the innermost reason is told: Numba wraps it in the calls that led there.
         told = f"{type(error).__name__}: {error}".rpartition("raised a specific error:")[2]
         reason = re.sub(r"\x1b\[\d+m", "", told.partition("During:")[0]).strip()  # no colours
         raise ConfigurationError(f"component {name}: step cannot be compiled: {reason}") from error
@@ -144,9 +144,9 @@ def entry_point(component: Component) -> Any:
 def _key_of(component: Component) -> str:
     """Text that tells a component from every other one, and is the same in all processes.
 
-    Its name is not enough: it may be that of a component of another kind, and the same step may
-    fill other records. Nor is its step's: those behind an observer are all called alike. Of one of
-    somebody else's all counts that it refers to.
+    The component's name is not enough: a component of another kind may have it too, and one step
+    may fill different records. Nor is the step's name: all steps behind a rate observer share one.
+    For a component of another package, the key covers all that its step refers to.
     """
     step, records = component.step, (component.input_record, component.output_record)
     rules = rules_of(component.outputs).tolist()
@@ -164,7 +164,7 @@ def configured(component: Component, values: Mapping[str, Any]) -> tuple[Any, li
     Raises
     ------
     ConfigurationError
-        A parameter is infeasible, or `configure` fails or makes something else, or NaN.
+        A parameter is infeasible, or `configure` fails, returns no such record, or one with NaN.
     """
     made = component.configure(values)
     record, *kept = made if isinstance(made, tuple) and made else (made,)
@@ -195,16 +195,16 @@ def _field_with_nan(record: Any) -> str:
 
 
 class Part:
-    """One component with what it is configured with and what it remembers.
+    """One component with its configuration, its memory and its compiled step.
 
     Parameters
     ----------
     component : Component
-        What it is.
+        Its declaration.
     values : mapping of str to value
         The parameters of its node.
     signals : ndarray of float64, optional
-        Where its records of inputs and outputs are, one after the other; of length `signals_of`.
+        Memory of its input and its output record, in this order; of length `signals_of`.
 
     Attributes
     ----------
@@ -220,7 +220,7 @@ class Part:
     Raises
     ------
     ConfigurationError
-        A parameter is infeasible, or the component is none that can run.
+        A parameter is infeasible, or the component's step cannot be compiled.
     """
 
     def __init__(
@@ -270,9 +270,10 @@ class Part:
         self._records = self.addresses[1:]
 
     def forget(self) -> None:
-        """Begin anew, as at the first step: a step need not write all that it gives.
+        """Begin anew, as at the first step.
 
-        Nor may what a step has written to its configuration outlast the run.
+        Outputs are cleared because a step need not write all of them; the configuration is restored
+        because a step may have written to it.
         """
         self.signals[:] = 0.0
         self.state.view(np.uint8).fill(0)
@@ -304,28 +305,28 @@ class Part:
 
     @property
     def advices(self) -> int:
-        """Number of the component's latest advice; −1 if it cannot say."""
+        """Number of the component's latest advice; −1 if its hook fails."""
         with suppress(ConfigurationError):
             return self.component.advices(self.state[0])
         return -1
 
     @property
     def advice(self) -> Advice:
-        """The component's advice after the last step; of one that fails at that, a warning.
+        """The component's advice after the last step; a warning if its hook fails.
 
-        No craft ends for want of words.
+        A hook that fails must not end a run.
         """
         try:
-            self.component.advices(self.state[0])  # what is wrong with it is told here
+            self.component.advices(self.state[0])  # so that an error of this hook is told, too
             return self.component.advice(self.state[0])
         except ConfigurationError as error:
             return Advice(str(error), warning=True)
 
     def raised(self) -> str:
-        """What a step that has failed does when it is taken again; empty if it says nothing.
+        """Why the last step failed, found by taking it again; empty if no reason shows.
 
-        Where it runs by its address its words are lost (`_guarded`). One that has read numbers that
-        are not finite has failed by those.
+        A step that runs by its address loses its exception (`_guarded`). If it has read numbers
+        that are not finite, it failed because of these, and is not taken again.
         """
         given = self._given.unpack_from(self._memory, self._given_at)
         _, *read = self._written.unpack_from(self._memory)
@@ -336,7 +337,7 @@ class Part:
         copied = [each.copy() for each in records]
         try:
             self.component.step(*(each[0] for each in copied))
-        except NumbaError:  # it could not be compiled for such a call, which is no word of its own
+        except NumbaError:  # the step cannot be compiled for this call, which is not why it failed
             return ""
         except Exception as error:
             return f"raised {type(error).__name__}: {error}"
@@ -344,7 +345,10 @@ class Part:
         return f"gave {told}" if told else ""
 
     def normalised_errors(self) -> dict[str, float]:
-        """Largest |column|/bound of each column whose bound it gives; above 1 it is outside."""
+        """Largest |column|/bound by name of the bound, for every column that has one here.
+
+        Above 1 the column is outside its bound.
+        """
         record = self.outputs[0]
         pairs = [
             (each.name, each.bound) for each in self.component.outputs if each.bound in self.places
@@ -357,7 +361,7 @@ class Part:
 
 
 def first_raised(parts: Iterable[Part]) -> str:
-    """The end of a sentence about numbers that are none: which step has failed, if one has."""
+    """End of a message about numbers that are not finite: which step failed, and why; or empty."""
     return next(
         (
             f"; the step of component {part.component.name} {what}"

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Prescribed performance functions: the nominal part (eqs. 6 and 7) and its adaptive widening.
+"""Prescribed performance functions: nominal part (eqs. 6, 7) and adaptive widening (eq. 24).
 
 The nominal part falls exponentially to t1, by a parabola to t2, and stays at g∞. With
 A = ρ_e0 − ρ_e∞, x = l (t2 − t1) and r = (g∞ − ρ_e∞) e^{l t2} / A, the smooth joint at t1 asks for
@@ -283,7 +283,7 @@ def clock_at(value: float, shape: Any) -> float:
 def _widened_rate_axis(
     delta: float, nominal_value: float, drive: float, decay: float, h: float
 ) -> float:
-    # x (1 + hC) = Δρ + h B j / (ρ_0 + x): a quadratic with one root x ≥ 0.
+    # x (1 + h C) = Δρ + h drive / (ρ_n + x): a quadratic with one root x ≥ 0.
     a = 1.0 + h * decay
     b = a * nominal_value - delta
     c = delta * nominal_value + h * drive
@@ -294,10 +294,10 @@ def _widened_rate_axis(
 def widened_rate_envelope(
     delta: Vector, nominal_value: float, drive: Vector, decay: float, h: float
 ) -> Vector:
-    """Δρ_ω after h [s] by the implicit Euler step of Δρ_ω' = −C_ω Δρ_ω + drive / ρ_ω.
+    """Δρ_ω [rad/s] after h [s] by the implicit Euler step of Δρ_ω' = −C_ω Δρ_ω + drive / ρ_ω.
 
-    The law is stiff: ρ_ω = ρ_ω0 + Δρ_ω is 3e-5 when a saturation begins, so its own growth is
-    solved for in the same step. `drive` is B_τ |J⁻¹| |tanh Δτ|.
+    The law is stiff: ρ_ω = ρ_n + Δρ_ω is 3e-5 rad/s when a saturation begins, so ρ_ω at the end
+    of the step divides. `drive` is B_τ |J⁻¹| |tanh Δτ|.
     """
     return (
         _widened_rate_axis(delta[0], nominal_value, drive[0], decay, h),

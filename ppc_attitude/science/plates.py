@@ -51,7 +51,7 @@ def plates_of(values: Mapping[str, Any]) -> NDArray[Any]:
     Raises
     ------
     ConfigurationError
-        Too many plates, or one that cannot be; names it.
+        Too many plates, or an impossible one; the message names it.
     """
     rows = np.reshape(values[PLATES.name], (-1, _WIDTH))
     if len(rows) > MOST_PLATES:

@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A rate observer that also estimates the disturbance: it stands before a law, and after it.
+"""A rate observer before a law, and a compensation of the disturbance that it estimates after it.
 
 A gyro's noise would reach the torque at every step. The craft knows its own torque and inertia, so
 it predicts the rate and corrects the prediction slowly. What the prediction lacks in the long run
-is the disturbance torque d̂, which the law then need not fight: the command is lessened by it.
+is the disturbance torque d̂, which is subtracted from the command, so the law need not fight it.
 
 A gyro gives the mean rate of an interval, so the prediction is compared at the interval's middle.
 
@@ -101,7 +101,7 @@ MEMORY = record_type(
     ("decay", np.float64),  # p of it
     ("surprised", np.float64),  # 1 if the last residual was beyond its bound
     ("blind", np.float64),  # 1 where there is no attitude
-    ("gaps", np.int64),  # how many of them are over
+    ("gaps", np.int64),  # how many gaps without an attitude are over
 )
 _SURPRISE = 5.0  # σ of a sample
 _WIDE = 3.0  # σ of d̂'s own noise that its limit must leave room for
@@ -208,7 +208,7 @@ def _step_of(law: Component) -> Any:
 
     def observed(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         if quaternion(inputs.attitude) == NO_ATTITUDE:
-            # Nothing is known of its errors.
+            # Without an attitude the law's errors are unknown, too.
             carray(pointer_to(outputs), count, np.float64)[:] = 0.0
             state.observer.started = 0.0  # its last torque does not act over the gap
             state.observer.blind = 1.0
@@ -254,7 +254,7 @@ def with_front(law: Component) -> Component:
     own, names = (*PARAMETERS, INERTIA, MAX_TORQUE), {column.name for column in law.inputs}
     return replace(
         law,
-        # One of the same name that is declared differently stays, and is told with what differs.
+        # A parameter of the same name but declared otherwise stays, so that it is reported.
         parameters=(*own, *(each for each in law.parameters if each not in own)),
         configure=configure,
         configuration=configuration,

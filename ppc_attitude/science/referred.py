@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a compiled function was made of: its code, and all that it refers to, wherever it stands.
+"""Digests of what a compiled function was made of: its code, and all that the code refers to.
 
-Numba takes the value of a global name for a constant, and a kernel that is called for part of its
-caller. It looks for a change in the file of the function alone.
+Numba compiles the value of a global name as a constant, and a kernel that is called as part of its
+caller. But when it looks for a change, it looks at the file of the function alone.
 """
 
 import hashlib
@@ -42,8 +42,8 @@ def sources_of(package: str) -> str:
 
     Numba looks for a change only in the file of the kernel itself. Kernels call functions and hold
     constants of other files, so after an edit, or an update of some files, it would run old
-    machine code. Of a package of somebody else's all files count, be it a namespace without a file
-    of its own; of a module that is in no package, those beside it.
+    machine code. Of another package all files count, also if it is a namespace package without a
+    file of its own; of a module that is in no package, the files beside it count.
     """
     sources = [
         source
@@ -66,7 +66,7 @@ def sources_of(package: str) -> str:
 def digest_of(function: Any) -> str:
     """Digest of a function or kernel that is the same in all processes, until something changes.
 
-    What it calls of this package does not count.
+    Functions of this package that it calls are left out: `sources_of` covers them.
     """
     digest = hashlib.sha256()
     for piece in _pieces(function, set()):
@@ -82,7 +82,7 @@ def _pieces(value: Any, seen: set[int]) -> Iterator[bytes]:
     elif isinstance(value, Enum):
         yield from _pieces((value.name, value.value), seen)
     elif isinstance(value, tuple | frozenset):
-        yield repr(getattr(value, "_fields", ())).encode()  # a named tuple is read by their names
+        yield repr(getattr(value, "_fields", ())).encode()  # fields of a named tuple
         for each in value if isinstance(value, tuple) else sorted(value, key=repr):
             yield from _pieces(each, seen)
     elif isinstance(value, types.Dispatcher):
@@ -90,13 +90,13 @@ def _pieces(value: Any, seen: set[int]) -> Iterator[bytes]:
     elif isinstance(value, _PLAIN):
         yield repr(value).encode()
     elif not isinstance(value, ModuleType):
-        # What Numba makes of a function, a kernel or a ufunc, keeps it as wrappers of Python do.
+        # A kernel or ufunc that Numba made keeps its function as Python's wrappers do.
         made = type(value).__module__.startswith("numba.")
         function = getattr(value, "__wrapped__", value) if made else value
         module = str(getattr(function, "__module__", None))
         if module.partition(".")[0] != _OURS and id(function) not in seen:
             seen.add(id(function))
-            yield _source_of(module)  # nobody can list what else Numba makes code of, as of a class
+            yield _source_of(module)  # the whole file: Numba may compile more of it, as of a class
             if isinstance(function, FunctionType):
                 yield from _of_function(function, seen)
 
@@ -118,13 +118,13 @@ def _of_function(function: FunctionType, seen: set[int]) -> Iterator[bytes]:
             yield from _pieces(constant, seen)
     known = function.__globals__
     modules = [known[name] for name in names if isinstance(known.get(name), ModuleType)]
-    for module in modules:  # and those that are in a package
+    for module in modules:  # grows by the modules inside these
         inner = [vars(module).get(name) for name in names]
         modules += [each for each in inner if isinstance(each, ModuleType) and each not in modules]
     for name in names:
         yield name.encode()
         yield from _pieces(known.get(name), seen)
-        for module in modules:  # it may be the name of a thing in there
+        for module in modules:  # the name may be an attribute of that module
             yield from _pieces(vars(module).get(name), seen)
     for cell in function.__closure__ or ():
         yield from _pieces(cell.cell_contents, seen)

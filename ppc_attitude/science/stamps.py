@@ -17,7 +17,7 @@
 from ppc_attitude.science.errors import ConfigurationError
 
 NANOSECONDS = 1_000_000_000
-LARGEST_STEP = 10 * NANOSECONDS  # [ns] between two stamps: after a longer one time begins again
+LARGEST_STEP = 10 * NANOSECONDS  # [ns] between two stamps; after a larger gap time begins anew
 ROUNDING = 1  # [ns] by which two stamps may be nearer or further apart than the time between them
 LATEST = 1e8  # [s] that any run reaches: no stamp is later, and nothing is scheduled for later
 
@@ -29,7 +29,7 @@ def seconds(stamp_ns: int) -> float:
 
 def nanoseconds(time: float) -> int:
     """Whole nanoseconds of a time [s]."""
-    # By a float, which no text takes: of one in a bag an integer would make a billion copies.
+    # Times a float: text from a bag is refused, where an integer would make a billion copies of it.
     return round(time * float(NANOSECONDS))
 
 

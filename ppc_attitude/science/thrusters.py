@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""On/off thrusters: what a configuration says of them, and which fires how long.
+"""On/off thrusters: their parameters and record, and the on-times that give an impulse.
 
-Thruster j turns the craft by b = r × F d. On-times t ≥ 0 of a period give an angular impulse
-Σ t b, and of those that do, the ones with the least Σ F t are wanted. That is a linear program, and
-some three thrusters are a solution: all threes are tried, with inverses that were made before.
+Thruster j turns the craft by b = r × F d. On-times t ≥ 0 of a period give an angular impulse Σ t b,
+and of all that give the wanted impulse, those with the least Σ F t are taken. That is a linear
+program, solved by some three thrusters: all threes are tried, with inverses made at the start.
 """
 
 from collections.abc import Iterator, Mapping
@@ -46,7 +46,7 @@ from ppc_attitude.science.stamps import whole_steps
 
 STANDARD_GRAVITY = 9.80665  # g0 [m/s²]
 _MOST_THREES = MAX_THRUSTERS * (MAX_THRUSTERS - 1) * (MAX_THRUSTERS - 2) // 6
-_FLAT = 1e-9  # what a direction or a three of thrusters spans, below which it counts as nothing
+_FLAT = 1e-9  # length or volume of unit vectors' products, below which they span nothing
 _NONE = 1e-9  # share of the longest on-time that counts as none
 _TIE = 1e-12  # share of the cost by which a later three must be cheaper
 _NEAR_TIE = 1e-9  # share by which rounding may make a three look cheaper than another
@@ -206,9 +206,10 @@ def _unit(torques: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _extreme_ways(axes: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
-    """Unit vectors among which is one that no axis has a part along, if there is any.
+    """Unit vectors among which is one that no axis has a part along, if there is any at all.
 
-    Those without are a cone, whose edges are normal to two of the axes; or all axes lie in a plane.
+    Such ways form a cone, whose edges are normal to two of the axes; or all axes lie in a plane,
+    and its normal is one.
     """
     normals = [np.cross(a, b) for a, b in combinations(axes, 2)]
     flat = np.linalg.svd(np.vstack([axes, np.zeros((3, 3))]))[2][-1]
@@ -228,7 +229,7 @@ def _threes(torques: NDArray[np.float64]) -> Iterator[tuple[tuple[int, ...], Any
 
 @kernel
 def _on_times(k: int, impulse: Vector, craft: Any) -> tuple[Vector, float]:
-    """On-times [s] by which a three gives an impulse, and Σ F t [N·s]; infinite if it cannot."""
+    """On-times [s] by which a three gives an impulse, and Σ F t [N·s], infinite if it cannot."""
     t = apply(matrix(craft.inverse[k]), impulse)
     if min(t[0], t[1], t[2]) < -_NONE * largest(t):
         return t, np.inf
@@ -240,7 +241,7 @@ def _on_times(k: int, impulse: Vector, craft: Any) -> tuple[Vector, float]:
 def least_fuel(impulse: Vector, craft: Any, on_time: Any) -> None:
     """Write the on-times [s] that give an angular impulse with the least fuel.
 
-    Of several threes with the least the first one is taken.
+    If several threes need equally little, the first one is taken.
 
     Parameters
     ----------
@@ -263,8 +264,8 @@ def least_fuel(impulse: Vector, craft: Any, on_time: Any) -> None:
 
 @kernel
 def admitted(on_time: float, craft: Any) -> float:
-    """On-time [s] that becomes of one, by the shortest that there is."""
-    if on_time >= (1.0 - _NONE) * craft.min_on_time:  # a whole period may lack its last bit
+    """On-time [s] that is fired for a wanted one, which may be below the shortest pulse."""
+    if on_time >= (1.0 - _NONE) * craft.min_on_time:  # rounding may shorten a whole period
         return on_time
     if craft.carries != 0.0 or 2.0 * on_time < craft.min_on_time:
         return 0.0
@@ -275,7 +276,7 @@ def admitted(on_time: float, craft: Any) -> float:
 def pulses(impulse: Vector, craft: Any, on_time: Any) -> Vector:
     """Write the on-times [s] of a period; return the impulse [N·m·s] that is left for the next.
 
-    What is asked beyond a whole period is not left: it would pile up while too much is asked.
+    Impulse that a whole period cannot give is dropped: it would pile up while too much is asked.
     """
     least_fuel(impulse, craft, on_time)
     longest = period = craft.period / craft.rate
@@ -291,7 +292,7 @@ def pulses(impulse: Vector, craft: Any, on_time: Any) -> Vector:
 
 @kernel
 def open_share(on_time: float, step: int, craft: Any) -> float:
-    """Share of a step of a period, counted from 0, for which a thruster is on."""
+    """Share of a step, counted from 0 in its period, for which a thruster is on."""
     return float(min(max(on_time * craft.rate - step, 0.0), 1.0))
 
 
@@ -324,7 +325,7 @@ def certain_torque(craft: Any) -> float:
     Among torques that the same three give, the longest on-time is convex, and threes meet in planes
     that two thrusters span. So on a box it is longest at a corner, where such a plane meets an
     edge, or where a thruster's own torque meets a face. Where several threes cost the same, the one
-    that takes longest counts: of torques beside this one it may be the first.
+    that takes longest counts: for a torque close by it may be the one that is taken.
     """
     torques = craft["torque"][: craft["count"]]
     torques = torques[torques.any(axis=1)]

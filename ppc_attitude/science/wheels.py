@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Reaction wheels: what a configuration says of them, their friction, and what is told of them.
+"""Reaction wheels: their parameters and record, their columns, and their friction.
 
 Drive electronics (`allocators.wheel_drive`), motors (`actuators.wheel_motors`) and body
 (`plants.gyrostat`) read the same record. A wheel that the craft does not have is a row of zeros.
@@ -113,7 +113,7 @@ COMMAND = _motor_torque(
     meaning="motor torque that each wheel is asked for, from the stamp on",
 )
 TRACE = 1e-9
-"""Share of its torque that a full wheel keeps, so that no load is infinite."""
+"""Share of its torque that a wheel at its largest speed keeps, so that no load is infinite."""
 _HOW = (*OF_A_TORQUE, Failure(How.DRAG, 1, 1.0), Failure(How.SEIZED))
 
 
@@ -220,12 +220,12 @@ def _check(record: Any, i: int) -> None:
 
 
 def see_that_a_step_follows(record: Any, i: int, drag: float = 1.0) -> None:
-    """See that friction, times a drag, is none that reverses wheel i within a step.
+    """Check that friction, times a drag, does not reverse wheel i within a step.
 
     Raises
     ------
     ConfigurationError
-        It is.
+        It does.
     """
     h = record["h"]
     decay = h * drag * steepest(record, i) / record["inertia"][i]
@@ -240,7 +240,7 @@ def see_that_a_step_follows(record: Any, i: int, drag: float = 1.0) -> None:
 
 
 def steepest(record: Any, part: int | slice) -> Any:
-    """Largest slope f'(Ω) [N·m·s/rad] of the friction of wheel or wheels: where it turns round."""
+    """Largest slope f'(Ω) [N·m·s/rad] of the friction of a wheel or wheels: that at Ω = 0."""
     return record["static"][part] / record["transition_speed"][part] + record["viscous"][part]
 
 
