@@ -39,7 +39,7 @@ from ppc_attitude.science.kernel import (
 )
 
 BLEND = 0.25  # c, half the width of the parabola
-ORDER = 16  # of the norm that stands for the largest of the axes, and has derivatives
+ORDER = 16  # of the differentiable norm that stands in for the largest of the axes
 
 
 @kernel
@@ -57,7 +57,7 @@ def speed_limit(
     n: Vector, n_rate: Vector, omega_d: Vector, acceleration_d: Vector, rate_limit: float
 ) -> tuple[float, float]:
     """V [rad/s], the f at which ‖w_d − f n‖ is the rate limit Ω_e, and V' [rad/s²]."""
-    b = dot(n, omega_d)
+    b = dot(n, omega_d)  # in desired axes, in which n has the same numbers as in body axes
     root = math.sqrt(max(b * b + rate_limit * rate_limit - dot(omega_d, omega_d), 0.0))
     if root == 0.0 or n == ZERO:
         return b + root, 0.0

@@ -73,7 +73,7 @@ def envelope_parameters(prefix: str, what: str, unit: str, table: EnvelopeTable)
             "s",
             above=0.0,
         ),
-        Parameter(  # no smaller one, whose square has no inverse
+        Parameter(  # the square of a smaller one would have no finite inverse
             f"{prefix}.terminal", table.terminal, f"g∞ of the {what}", unit, low=1e-30
         ),
     ]

@@ -73,7 +73,7 @@ def error_state(measurement: Any, inertia: Any) -> tuple[Quaternion, Vector, Vec
 def store_command(
     command: Any, q_e: Quaternion, rate_error: Vector, unsaturated: Vector, torque: Vector
 ) -> None:
-    """Write the columns of `OUTPUTS`."""
+    """Write the columns of `OUTPUTS`: q_e x y z w; rate error [rad/s] and torques [N·m], body."""
     store_quaternion(command.attitude_error, q_e)
     store(command.rate_error, rate_error)
     store(command.unsaturated_torque, unsaturated)

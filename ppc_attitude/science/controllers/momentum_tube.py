@@ -12,12 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The momentum-tube law: convergence inside an envelope that holds for the numbers it runs with.
+"""The momentum-tube law: convergence inside an envelope that is proved for its numbers.
 
-The law commands the rate v = p ω_res − r f(φ; V_e) n: what the craft had at the last event fades
-with p, then the error φ falls along its axis n as fast as brake, torque and rate limit allow
+The law commands the rate error v = p ω_res − r f(φ; V_e) n. The residual ω_res of the last event
+fades with p; then the error φ falls along its axis n as fast as brake, torque and rate limit allow
 (`brake`). Every change of p, σ and r is allocated within the torque that is left, so the momentum
-error y = J (ω_e − v) never leaves its tube Y, and φ never passes Φ. Whether that is so for given
+error y = J (ω_e − v) never leaves its tube Y, and φ never passes Φ. Whether that holds for given
 numbers is checked by `science.guarantee`; docs/guarantee.md has the theorem and its proof.
 """
 
@@ -79,9 +79,9 @@ from ppc_attitude.science.kernel import (
 )
 
 _OBSERVER_RATE = 1.0  # L [1/s] of the disturbance estimate
-_FEEDFORWARD = 0.15  # of the torque: what the brake cannot have
+_FEEDFORWARD = 0.15  # share of the torque B that feedforward needs, so that the brake cannot use it
 LANDED = 1e-9  # a ramp this near its end is at its end: the time between stamps is rounded
-_TUMBLING_ENDS = 0.95  # of omega0
+_TUMBLING_ENDS = 0.95  # share of omega0 below which the tumbling mode ends
 
 
 @kernel
@@ -150,7 +150,7 @@ def ramp_torque(memory: Any, gains: Any, y: Vector) -> Vector:
     for i in range(3):
         inside = min(max(2.0 - 4.0 * abs(y[i]) / gains.Y[i], 0.0), 1.0)
         more = gains.B[i] + inside * max(gains.B_ramp - gains.B[i], 0.0)
-        most = (most[1], most[2], more)
+        most = (most[1], most[2], more)  # after three turns x, y and z are in order
     return most
 
 
@@ -204,10 +204,10 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     """Compute one sample of the law: reads `measurement`, updates `memory`, fills `command`."""
     inertia = matrix(gains.inertia)
     q_e, omega_e, m_0 = error_state(measurement, inertia)
-    # The way round is told by the sign of q_e, which those who measure the attitude may change.
+    # The sign of q_e tells the way round, so a sign that a sensor or estimator flips is undone.
     q_e = continued(q_e, quaternion(memory.error))
     store_quaternion(memory.error, q_e)
-    begins = memory.numbers != gains.numbers  # also anew, with other numbers
+    begins = memory.numbers != gains.numbers  # at the first sample, and when numbers have changed
     h = 0.0 if begins else measurement.t - memory.t
     if h > 0.0 and memory.tumbling == 0.0:
         _advance(memory, gains, h)
@@ -263,7 +263,7 @@ def _track(
                 slip(memory)  # a weak actuator explains it: no torque from outside is needed
             elif memory.slips > 0.0 and memory.t - memory.slipped_at > LOSS_LASTS:
                 memory.slips, memory.loss = 0.0, 0.0
-            # Where σ gives way to V, y jumps by what C1 allows for: that is no torque.
+            # In the sample where the cap changes from σ to V, y jumps without torque, as C1 allows.
             if not event and memory.done == done:
                 watch(memory, gains, unexplained, h)
             store(memory.unexplained, unexplained)
@@ -282,7 +282,7 @@ def _track(
         n, phi, limit, brake, turn, v = _commanded(measurement, memory, gains, q_e, omega_e)
         y = ZERO
         store(memory.y_hat, ZERO)
-        store(memory.d_hat, clamp(vector(memory.d_hat), gains.d_max))  # new numbers may have less
+        store(memory.d_hat, clamp(vector(memory.d_hat), gains.d_max))  # d_max may have changed
     elif h > 0.0:
         _observe(memory, gains, y, unexplained, h)
     f, f_rate, f_cap = brake

@@ -128,7 +128,7 @@ CONFIGURATION = record_type(
     MAX_TORQUE,
     ("inertia", np.float64, (3, 3)),
     ("inertia_inverse", np.float64, (3, 3)),
-    ("coupling", np.float64, (3, 3)),  # rows of J⁻¹ by their diagonal, which is left out
+    ("coupling", np.float64, (3, 3)),  # rows of J⁻¹ over their diagonal elements, minus I
     ("adaptive", np.float64),
     ("auto", np.float64),
     ("norm_form", np.float64),
@@ -145,7 +145,7 @@ MEMORY = record_type(
     ("plan", PLAN),
 )
 AUXILIARY_STATE = of_law("auxiliary_state", VECTOR, BODY, "1", "anti-saturation state θ")
-# δ of the auxiliary system: the smallest |θ| that divides; the paper divides by zero at θ = 0.
+# δ of the auxiliary system: |θ|² + δ² divides, because the paper divides by zero at θ = 0.
 _DELTA = 1e-3
 
 
@@ -184,7 +184,7 @@ def barrier_gain(epsilon: Vector, k: float, F: float) -> float:
 
 @kernel
 def saturation_drive(delta_tau: Vector, inertia_inverse: Matrix) -> Vector:
-    """|J⁻¹| |tanh Δτ|, elementwise magnitudes: what opens the envelopes."""
+    """|J⁻¹| |tanh Δτ|, elementwise magnitudes: the drive that widens the envelopes (eq. 24)."""
     if delta_tau == ZERO:
         return ZERO
     x, y, z = inertia_inverse
@@ -206,10 +206,10 @@ def auxiliary_step(
 
 @kernel
 def integrate(memory: Any, gains: Any, drive: Vector, rate_value: float, h: float) -> None:
-    """Carry θ, Δρ_q and Δρ_ω over h [s] with the last sample's Δτ and its drive held (23, 24)."""
+    """Carry θ, Δρ_q, Δρ_ω over h [s] with the last sample's Δτ and drive held (eqs. 23, 24)."""
     inertia_inverse = matrix(gains.inertia_inverse)
     delta_tau = vector(memory.delta_tau)
-    on = gains.adaptive  # switched off in flight, what is open still closes
+    on = gains.adaptive  # if it is switched off in flight, a widened envelope still closes
     delta_omega = widened_rate_envelope(
         vector(memory.delta_rho_omega), rate_value, scale(on * gains.B_tau, drive), gains.C_omega, h
     )
@@ -235,7 +235,7 @@ def _bounded_axis(rho: float, rho_rate: float) -> tuple[float, float]:
 def composite_envelopes(
     memory: Any, gains: Any, drive: Vector, attitude: tuple[float, float], rate: tuple[float, float]
 ) -> tuple[Vector, Vector, Vector, Vector]:
-    """ρ_q, ρ_q', ρ_ω and ρ_ω': nominal plus adaptive part, the latter's rate by eq. 24."""
+    """ρ_q, ρ_q' [1/s], ρ_ω [rad/s], ρ_ω' [rad/s²]: nominal part, and adaptive part by eq. 24."""
     delta_q = vector(memory.delta_rho_q)
     delta_omega = vector(memory.delta_rho_omega)
     rho_omega = add((rate[0], rate[0], rate[0]), delta_omega)
@@ -317,7 +317,7 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     rho_q, rho_q_rate, rho_omega, rho_omega_rate = composite_envelopes(
         memory, gains, drive, attitude, rate
     )
-    # At the top of its table no plan is wider, and a plan takes longer than many a sample.
+    # At the table's initial value no plan is wider, and making one takes longer than many samples.
     if (
         gains.auto != 0.0
         and is_outside(q, rho_q)

@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Conditions of the law `ppc`: the paper's, corrected, what predicts simulation, and proportions.
+"""Conditions of the law `ppc`: the paper's, corrected; a prediction; and proportions to the craft.
 
-S1 to S5 make the composite Lyapunov function decrease. They are sufficient, not necessary: the
-paper's own numbers violate S1, and its simulations converge all the same. What predicts
+S1 to S5 make the composite Lyapunov function decrease (eq. 32). They are sufficient, not necessary:
+the paper's own numbers violate S1, and its simulations converge all the same. What predicts
 simulation is whether the error shrinks faster than its envelope falls over the whole fall:
 (|q_e0|/2) k M_ω tanh(β ε)/ε against −ρ'/ρ. With the paper's Table I the envelope falls faster than
-any error can shrink for some seconds before t2, so an error must come there with room to spare:
-that limits the start.
+any error can shrink for some seconds before t2. So the error must reach these seconds well inside
+its envelope, which limits the error at the start.
 """
 
 import math
@@ -34,7 +34,7 @@ from ppc_attitude.science.inertia import principal_moments
 from ppc_attitude.science.kernel import ZERO
 from ppc_attitude.science.performance import Envelope, nominal
 
-_NOISE_SIGMAS = 3.0  # of what noise makes the law ask for, that the actuator should give
+_NOISE_SIGMAS = 3.0  # the actuator should give the torque that this many σ of noise ask for
 
 
 def steepest_fall(envelope: Envelope) -> float:
@@ -116,7 +116,7 @@ def _following(
 
 
 def _rates(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
-    """The bound of v, and the largest rates: settled, and during slews with the error they add."""
+    """The bound of v, and the largest rates: once settled, and in slews with the error's share."""
     bound = virtual_control_bound(values)
     speed = math.degrees(values["k"] * values["M_omega"])
     meaning = "max‖v‖ is k M_ω, as the paper claims of its form; true of virtual_control: norm only"

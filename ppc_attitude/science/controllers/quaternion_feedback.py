@@ -145,7 +145,7 @@ def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
     h = task.hold
     turn, a, d, share = frequency * h, (frequency * h) ** 2, 2.0 * damping * frequency * h, h / time
     cubic = (1.0, d + 0.5 * a * (1.0 + share), a * (1.0 + 1.5 * share), a * share)
-    slowest = float(np.abs(1.0 + np.roots(cubic)).max())  # what a sample leaves of an error
+    slowest = float(np.abs(1.0 + np.roots(cubic)).max())  # share of an error left by one sample
     yield advisable(
         "loop against sampling",
         turn,

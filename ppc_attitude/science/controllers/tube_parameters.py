@@ -31,7 +31,7 @@ PREFIX = "momentum_tube."
 LAW, LAW_AHEAD = "momentum_tube", "momentum_tube_ahead"
 LAWS = (LAW, LAW_AHEAD)
 # The certified numbers of config/guaranteed.yaml: the paper's craft at 100 Hz.
-# The least values are far below what a spacecraft has: the law's quotients and powers are finite.
+# Least values are far below those of any craft; they keep the law's quotients and powers finite.
 _OWN = (
     Parameter("h", 0.01, "sample time: the largest gap between two samples", "s", low=1e-9),
     Parameter("k", 1.0, "rate at which a small error falls", "1/s", low=1e-9),
@@ -186,9 +186,9 @@ def configure(values: Mapping[str, Any]) -> Any:
 
 
 def observer_spread(eta: float, follow: Any, weak: Any) -> Any:
-    """By how much the observer's error widens the tube: C1, in any arithmetic.
+    """Factor by which the observer's error widens the tube in C1, for floats or intervals.
 
-    What the errors N of y add to it grows by 1 / weak, which is more than the rest where η < ½.
+    The share of the errors N of y grows by 1 / weak, which is the larger factor where η < ½.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ def observer_spread(eta: float, follow: Any, weak: Any) -> Any:
 
 
 def _admitted(record: Any, values: Mapping[str, Any]) -> Any:
-    """Bound of |F + τ − y'| per axis that C1 implies: what is left of Y κ beside the estimate."""
+    """Bound [N·m] per axis of |F + τ − y'| that C1 implies: what κ Y leaves beside d̂ and N."""
     eta, late = (values[f"{PREFIX}assumed.{name}"] for name in ("eta", "late"))
     step = record["kappa"] * record["h"]
     follow = step * (1.0 - record["ell"]) / record["ell"]  # κ λ_o

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The momentum-tube law's memory, the columns that it gives, its advice, and what it watches.
+"""The momentum-tube law's memory, its columns, its advice, and how it watches its assumptions.
 
-It watches its assumptions: hits, missing torque, and other doubts.
+It looks for hits, missing torque, and other signs that an assumption is broken.
 """
 
 import math
@@ -57,14 +57,14 @@ MEMORY = record_type(
     ("slipped_at", np.float64),  # [s] the last of them
     ("loss", np.float64),  # share of the torque that is no longer counted on
     ("unexplained", np.float64, (3,)),  # [N·m] of the last sample
-    ("noise", np.float64),  # [N·m] of what is unexplained, beyond what the assumptions admit
+    ("noise", np.float64),  # [N·m] unexplained torque of changing sign, beyond what is admitted
     ("torque_before", np.float64, (3,)),  # [N·m] of the sample before the last
     ("at_limit", np.float64),  # [s] for which the disturbance estimate has been at its limit
     ("doubt", np.float64),  # which assumption was seen broken, as `DOUBTS` says
     ("doubted_at", np.float64),  # [s]
-    ("told", np.float64),  # how many of them the user hears of: one a second
+    ("told", np.float64),  # number of advices so far, at most one a second
     ("told_at", np.float64),  # [s]
-    ("certified", np.float64),  # as in the configuration
+    ("certified", np.float64),  # as in the configuration at the last event
 )
 MOMENTUM_ERROR = of_law(
     "momentum_error", VECTOR, BODY, "N·m·s", "momentum error y = J (ω_e − v)", bound="momentum_tube"
@@ -91,15 +91,15 @@ PHASE = of_law(
     width=2,
 )
 STOP = 1.0  # phase in which the rate of the event fades
-HIT = 0.4  # torque beyond the declared one, of max_torque, that makes a hit
-_FAR_OUTSIDE = 5.0  # of the tube: an event without a hit
+HIT = 0.4  # share of max_torque: more torque beyond the declared one is a hit
+_FAR_OUTSIDE = 5.0  # times the tube: where y begins an event without a hit
 # Outside the assumptions events may follow each other: then less torque is counted on, for a while.
 _LOSS = 0.2  # of what is counted on, at each slip after the first
 _LARGEST_LOSS = 0.7
 LOSS_LASTS = 120.0  # [s] without another slip
 _GAIN = 0.6  # of the last torque: what a weak actuator or a wrong inertia may leave unexplained
 _HELD = 1.0  # [s] for which the assumed disturbance alone does not hold the estimate at its limit
-_HEARD = 30.0  # [s] in which noise that is no longer heard is forgotten
+_HEARD = 30.0  # [s] time constant with which noise that is no longer heard is forgotten
 _NEWS = 1.0  # [s] between two advices
 DOUBT_LASTS = 10.0  # [s] without another sign of it
 NOISE, LATE, CRAFT, DISTURBANCE, AT_LIMIT = 1.0, 2.0, 3.0, 4.0, 5.0
@@ -132,7 +132,7 @@ def advice(memory: Any) -> Advice:
             warning=True,
         )
     if memory["doubt"] != 0.0 and memory["t"] - memory["doubted_at"] <= DOUBT_LASTS:
-        # Dead band, errors and samples may hold the estimate there within the assumptions, too.
+        # Dead band, errors and sampling may hold the estimate at its limit without any violation.
         certain = "may be" if memory["doubt"] == AT_LIMIT else "is"
         told = f"the guarantee {certain} suspended: {DOUBTS[float(memory['doubt'])]}"
         return Advice(told, warning=True)
@@ -163,13 +163,13 @@ def is_hit(y: Vector, unexplained: Vector, memory: Any, gains: Any, h: float) ->
 
 @kernel
 def hear(memory: Any, gains: Any, unexplained: Vector, h: float) -> None:
-    """Keep the largest noise that is heard, for some seconds: it must not be taken for hits.
+    """Keep the largest noise in the unexplained torque [N·m] for a while: it is no hit.
 
-    Within the assumptions it is zero, because torque that nobody explains [N·m] is then admitted.
+    Within the assumptions it is zero, because they admit that much unexplained torque.
     """
     memory.noise -= memory.noise * min(h / _HEARD, 1.0)
     for i in range(3):
-        both = min(abs(unexplained[i]), abs(memory.unexplained[i]))  # a hit begins from little
+        both = min(abs(unexplained[i]), abs(memory.unexplained[i]))  # before a hit there was little
         excess = both - gains.admitted[i] - 2.0 * gains.N[i] / h
         if memory.unexplained[i] * unexplained[i] < 0.0:
             memory.noise = max(memory.noise, excess)
@@ -196,7 +196,7 @@ def tell(memory: Any) -> bool:
 
 @kernel
 def watch(memory: Any, gains: Any, unexplained: Vector, h: float) -> None:
-    """See whether torque that nobody explains [N·m] is more than the assumptions admit, and why.
+    """See whether the unexplained torque [N·m] is more than the assumptions admit, and why.
 
     The law's own telemetry does not prove the cause: the pattern says which is the likely one.
     """
