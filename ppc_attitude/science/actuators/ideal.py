@@ -32,7 +32,7 @@ MIN_TORQUE = Parameter(
     "min_torque", 1e-4, "below this the actuator gives nothing", "N·m", low=0.0, high=1e6
 )
 LATE_COMMAND = Parameter("late_command", False, "true: a command acts one sample late")
-_DEAD_SHARE = 0.1  # of the actuator that its dead zone may take
+_DEAD_SHARE = 0.1  # of the actuator's limit that its dead zone may take
 PARTS = dict.fromkeys(("actuator/x", "actuator/y", "actuator/z"), OF_A_TORQUE)
 CONFIGURATION = record_type(MAX_TORQUE, MIN_TORQUE, LATE_COMMAND, ("faults", RECORD))
 MEMORY = record_type(("command", np.float64, (3,)))  # [N·m] of the last sample
@@ -44,7 +44,7 @@ def configure(values: Mapping[str, Any]) -> Any:
     Raises
     ------
     ConfigurationError
-        The limits leave no torque, or a fault is none.
+        The limits leave no torque, or a fault is invalid.
     """
     if values["min_torque"] >= values["max_torque"]:
         raise ConfigurationError(
@@ -73,7 +73,7 @@ def actuator(command: Vector, max_torque: float, min_torque: float) -> Vector:
 
 @kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
-    """Give the torque that the actuator makes of the command, or of the one before."""
+    """Give the torque for the command, or for the previous one if commands act late."""
     asked, before = vector(inputs.torque_command), vector(state.command)
     store(state.command, asked)
     command = before if configuration.late_command != 0.0 else asked

@@ -14,10 +14,10 @@
 
 """On/off thrusters: from the commanded torque to pulses that begin with a period.
 
-A command is the torque on the body besides −ω × Jω. What was commanded since the last period, and
-what that left over, is made into on-times; in a step their mean torque acts, so that the impulse is
-exact. Mass, inertia and centre of mass stay, and the net force does nothing. Who chooses the pulses
-is told of no fault.
+A command is the torque on the body besides −ω × Jω. The impulse commanded since the last period,
+and what that period left over, is made into on-times. In each step their mean torque acts, so that
+the impulse is exact. Mass, inertia and centre of mass stay, and the net force does nothing. The
+choice of pulses knows of no fault.
 """
 
 from collections.abc import Mapping
@@ -65,7 +65,7 @@ STATE = record_type(
     ("used", np.float64),  # [kg] of fuel
     ("empty", np.int64),  # 1 while the fuel is used up
     ("news", np.int64),
-    ("shares", np.float64, (MAX_THRUSTERS,)),  # of the present step; what it works with
+    ("shares", np.float64, (MAX_THRUSTERS,)),  # of the present step: scratch memory
 )
 
 
@@ -76,7 +76,7 @@ def parts_of(values: Mapping[str, Any]) -> dict[str, tuple[Failure, ...]]:
 
 @kernel
 def _given(share: float, j: int, faults: Any, stamp_ns: int) -> float:
-    """Share of its force that a thruster gives in a step, of what it is asked for."""
+    """Share of its force that a thruster gives in a step if `share` is asked for, with faults."""
     if acting(faults, j, How.STUCK_CLOSED, stamp_ns) >= 0:
         return 0.0
     weak = number_of(faults, j, How.EFFECTIVENESS, stamp_ns, 1.0) * share
@@ -93,7 +93,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     if now // craft.period + 1 != state.begun:
         state.begun = now // craft.period + 1
         store(state.impulse, pulses(vector(state.impulse), craft, state.on_time))
-    empty = int(state.used >= craft.fuel)  # how much there is may change in flight
+    empty = int(state.used >= craft.fuel)  # the parameter may change in flight
     state.news += empty != state.empty
     state.empty = empty
     if empty:
@@ -130,7 +130,7 @@ def torques(values: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def least_impulse(values: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Angular impulse [N·m·s] of the least pulse of each thruster, body, shape (n, 3)."""
+    """Angular impulse [N·m·s] of the shortest pulse of each thruster, body, shape (n, 3)."""
     return np.asarray(thrusters.torques_of(values)[0] * values[thrusters.MIN_ON_TIME.name])
 
 

@@ -12,13 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Motors of reaction wheels: from the torque that each is asked for to what acts on the body.
+"""Motors of reaction wheels: from the torque commanded of each to the torque on the body.
 
     applied = −A (u − f) − ω × Σ J_s Ω a
 
-Each motor gives what it is asked for within its limits, or what its faults leave of it. Who asks
-is a drive on board (`actuators.wheels`) or, here, flight software that sends a torque for each
-wheel: the node that runs allocators, a program of the user's, or a record that is played.
+Each motor gives its command within its limits, or what its faults leave of it. The command comes
+from a drive on board (`actuators.wheels`) or, here, from flight software that sends a torque for
+each wheel: the node that runs allocators, a program of the user's, or a record that is played.
 """
 
 from collections.abc import Mapping
@@ -59,7 +59,7 @@ def configure(values: Mapping[str, Any]) -> Any:
     Raises
     ------
     ConfigurationError
-        The wheels are impossible, or a fault is none, or friction that a step cannot follow.
+        The wheels are impossible, a fault is invalid, or a step cannot follow the friction.
     """
     given, faults = wheel_record(values), faults_of(values, wheels.parts_of(values))
     for fault in faults["fault"][: faults["count"]]:
@@ -70,14 +70,14 @@ def configure(values: Mapping[str, Any]) -> Any:
 
 @kernel
 def _failed(motor: float, i: int, speed: float, stamp_ns: int, configuration: Any) -> float:
-    """Motor torque [N·m] of a wheel that fails; what its bearing does is told as the motor's."""
+    """Motor torque [N·m] of a wheel that fails; a fault of its bearing counts as motor torque."""
     faults, craft = configuration.faults, configuration.wheels
     resistance, limit = friction(craft, i, speed), craft.max_torque[i]
     drag = number_of(faults, i, How.DRAG, stamp_ns, 1.0)
     net = faulty(motor, limit, faults, i, stamp_ns)
     if acting(faults, i, How.SEIZED, stamp_ns) >= 0:
         net = -craft.inertia[i] * speed / max(_SEIZING, craft.h)
-    elif acting(faults, i, How.STUCK, stamp_ns) < 0:  # what is stuck is so at the shaft
+    elif acting(faults, i, How.STUCK, stamp_ns) < 0:  # a stuck torque is the one at the shaft
         net -= drag * resistance
     slower, faster = room(craft, i, speed)
     return float(resistance + min(max(net, -max(slower, 0.0)), max(faster, 0.0)))

@@ -38,7 +38,7 @@ def rods_of(values: Mapping[str, Any]) -> Any:
     Raises
     ------
     ConfigurationError
-        The rods are stronger than the wheels, or a fault is none.
+        The rods are stronger than the wheels, or a fault is invalid.
     """
     certain, of_rods = wheels.torques(values)[0], torque_of_rods(values)
     if of_rods >= certain:
@@ -63,7 +63,7 @@ def turn(inputs: Any, dipole: Vector, rods: Any, outputs: Any) -> None:
     inputs
         Record with the instant and the true field.
     dipole
-        Asked for, body axes; one that is too large is scaled as a whole.
+        Commanded, body axes; one that is too large is scaled as a whole.
     rods
         Record of dtype `RODS`.
     outputs
@@ -89,7 +89,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 
 
 def torques(values: Mapping[str, Any]) -> tuple[float, float]:
-    """Torque on an axis [N·m] that wheels give in any direction, rods against it; and at most."""
+    """Torque on an axis [N·m]: certain in any direction, rods against it, and at most."""
     certain, most = wheels.torques(values)
     of_rods = torque_of_rods(values)
     return certain - of_rods, most + of_rods

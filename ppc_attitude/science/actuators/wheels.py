@@ -14,8 +14,8 @@
 
 """Reaction wheels with a drive on board: from the commanded torque to that of each motor.
 
-The drive (`allocators.wheel_drive`) knows rate and wheel speeds without error, and what it asks for
-the motors (`actuators.wheel_motors`) give in the same instant.
+The drive (`allocators.wheel_drive`) knows rate and wheel speeds without error, and the motors
+(`actuators.wheel_motors`) give the torques that it asks for in the same instant.
 """
 
 from typing import Any

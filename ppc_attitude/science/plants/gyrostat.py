@@ -14,7 +14,7 @@
 
 """A craft with reaction wheels, and with flexible appendages if it has modes.
 
-What turns it are the motor torques of its wheels, so momentum is exchanged, never made.
+The motor torques of its wheels turn it, so body and wheels exchange momentum and make none.
 """
 
 from typing import Any

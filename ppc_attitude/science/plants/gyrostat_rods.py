@@ -14,8 +14,8 @@
 
 """A craft with wheels, and magnetorquers in Earth's magnetic field.
 
-The body is that of `plants.gyrostat`. It also tells the field where it is, which is what a
-magnetometer measures, and its magnetorquers are turned by it.
+The body is that of `plants.gyrostat`. It also gives the magnetic field at its position, which a
+magnetometer measures, and in which the dipole m of its magnetorquers makes the torque m × B.
 """
 
 from typing import Any

@@ -70,9 +70,9 @@ INITIAL_RATE = at_start(
     low=-100.0,
     high=100.0,
 )
-_MOST_TURN = 0.3  # [rad] in a step at the start: no law could follow
+_MOST_TURN = 0.3  # [rad] in a step at the start; no law could follow a faster body
 TURNED = 0.007  # [rad] in a part of a step; there Runge-Kutta is off by 1e-10 rad after a minute
-MOST_PARTS = 64.0  # of a step
+MOST_PARTS = 64.0  # into which a step is divided
 CONFIGURATION = record_type(
     ("inertia", np.float64, (3, 3)),  # [kg·m²]
     ("inertia_inverse", np.float64, (3, 3)),
@@ -101,7 +101,7 @@ def configure(values: Mapping[str, Any]) -> Any:
     record["inertia_inverse"] = np.linalg.inv(inertia)
     record["initial_attitude"] = unit_quaternion("initial_attitude", values["initial_attitude"])
     record["initial_rate"] = values[INITIAL_RATE.name]
-    # A body that is stepped by itself need not be given the rate of its steps.
+    # Without a loop the parameter `rate` may be absent: then nothing is known of the steps.
     turn = float(np.linalg.norm(record["initial_rate"])) / values.get("rate", np.inf)
     if turn > _MOST_TURN:
         raise ConfigurationError(
