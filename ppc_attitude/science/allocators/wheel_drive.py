@@ -19,10 +19,10 @@ takes the wheels' gyroscopic torque and their friction away, and a law need not 
 
     A u_net = −(τ_cmd + ω × Σ J_s Ω a),   u = u_net + f̂(Ω)
 
-A wheel that gives nothing of what it is asked for is dropped, and the others give all of it.
+A wheel that does not follow its command at all is dropped, and the others give the whole torque.
 
 The drive is part of the craft (`actuators.wheels`), or flight software of its own, in the node that
-runs allocators; then its numbers of the wheels are what it believes of them.
+runs allocators; then its parameters say what it believes of the wheels, which may be wrong.
 """
 
 from collections.abc import Mapping
@@ -104,7 +104,7 @@ STATE = record_type(
     ("lost", np.float64, (MAX_WHEELS,)),  # 1 where it is dropped
     ("rank", np.int64),  # how many dimensions the others span
     ("news", np.int64),
-    # What a step works with.
+    # Scratch memory of a step.
     ("resistance", np.float64, (MAX_WHEELS,)),  # [N·m] friction
     ("low", np.float64, (MAX_WHEELS,)),
     ("high", np.float64, (MAX_WHEELS,)),
@@ -120,7 +120,7 @@ def configure(values: Mapping[str, Any]) -> Any:
     Raises
     ------
     ConfigurationError
-        The wheels are impossible, or a fault is none.
+        The wheels are impossible, or a fault is invalid.
     """
     record = np.zeros((), CONFIGURATION)[()]
     record["wheels"] = given = wheel_record(values)
@@ -202,7 +202,7 @@ def _spread_momentum(speeds: Any, configuration: Any, state: Any) -> None:
     """Lead the wheels' momenta to h* by torques that cancel, within what is left of the limits."""
     craft = configuration.wheels
     share = 1.0
-    for turn in range(2):  # first how much of it there is room for
+    for turn in range(2):  # the first finds the share that there is room for, the second adds it
         for i in range(craft.count):
             wish = 0.0
             for j in range(craft.count):
@@ -219,9 +219,9 @@ def _spread_momentum(speeds: Any, configuration: Any, state: Any) -> None:
 
 @kernel
 def _look_for_losses(stamp_ns: int, configuration: Any, state: Any) -> None:
-    """Drop each wheel that has given nothing of what it is asked for; take back what gives again.
+    """Drop each wheel that has not followed its command for a while; take it back if it does.
 
-    Torques of the others that cancel are those without its part: P − P e eᵀ P / eᵀ P e.
+    The others' projection on torques that cancel is P − P e eᵀ P / eᵀ P e, with e of the wheel.
     """
     faults, null = configuration.faults, state.null
     for i in range(MAX_WHEELS):
@@ -260,8 +260,8 @@ def share(inputs: Any, rate: Vector, state: Any, configuration: Any, motors: Any
     Parameters
     ----------
     inputs
-        Record with the instant, the torque τ_cmd [N·m] on the body besides −ω × Jω that is
-        commanded, and the speed of each wheel.
+        Record with the instant, the commanded torque τ_cmd [N·m] on the body besides −ω × Jω, body
+        axes, and the speed of each wheel [rad/s].
     rate
         Angular velocity ω [rad/s] as the drive knows it, body axes.
     state, configuration
@@ -287,7 +287,7 @@ def share(inputs: Any, rate: Vector, state: Any, configuration: Any, motors: Any
 
 @kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
-    """Share the torque that is commanded at an instant, at the rate that the law is told."""
+    """Share the commanded torque, with the angular velocity that the law is told, too."""
     rate = vector(inputs.angular_velocity)
     share(inputs, rate, state, configuration, outputs.wheel_torque_command)
 

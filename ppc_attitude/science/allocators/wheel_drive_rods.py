@@ -14,8 +14,8 @@
 
 """Drive electronics of reaction wheels, and the law of magnetorquers that unload them.
 
-The drive is that of `allocators.wheel_drive`. It is not told of the rods' torque: the law takes
-that as a disturbance, and the wheels give their momentum away against it.
+The drive is that of `allocators.wheel_drive`. It is not told of the rods' torque: the attitude law
+counteracts it like any disturbance, and the wheels lose their momentum by that.
 """
 
 from typing import Any

@@ -105,7 +105,7 @@ MEMORY = record_type(
     ("unmatched", np.int64),  # of no remembered stamp, or not newer than the last used one
     ("begun_anew", np.int64),
     ("doubtful", np.float64),  # 1 while the last fix was refused
-    ("verdict", np.int64),  # on itself: `mekf`
+    ("verdict", np.int64),  # of the filter on its own estimate: see `mekf`
     ("verdicts", np.int64),  # how often it changed
     ("age", np.float64),  # [s] since `fix_ns`
     ("sigma", np.float64),  # [rad] largest of the attitude's three
@@ -256,7 +256,7 @@ def take_fix(memory: Any, settings: Any, valid_ns: int, fix: Quaternion) -> tupl
             begins, told = True, False
             memory.begun_anew += 1
     if begins:
-        # A filter that refused fixes have corrected does not doubt the one from which it goes on.
+        # A filter that begins anew because refused fixes agreed does not doubt the last of them.
         memory.accepted = EARLY if memory.knows != 0.0 else 1
         memory.knows = 1.0
         refusals.agreeing = 0

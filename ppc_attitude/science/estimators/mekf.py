@@ -120,13 +120,13 @@ PARAMETERS = (
         "lost_sigma", 0.01, "3σ of the attitude from which on it counts as lost", "rad", above=0.0
     ),
 )
-_WORSE = 3.0  # times that its noise, or σ that its mounting, may be off the number taken for it
-_STALE_SLOTS = 5
+_WORSE = 3.0  # times by which a noise, or σ by which the mounting, may be off the filter's number
+_STALE_SLOTS = 5  # slots of the tracker without a fix after which the user hears of it
 _SHARPEST = 1e-15  # [rad] its square is still far above the smallest float
-_MOST_UNEVEN = 1e4
-_LEAST_TOLD = 1e-12
+_MOST_UNEVEN = 1e4  # largest ratio of the tracker's two noises
+_LEAST_TOLD = 1e-12  # least share that a fix's variance may be of the attitude's before it
 _MISSED = 100  # fixes in a row that may be missing before the first one
-# A hundred fixes of a filter that is right have a mean NIS above it once in 10¹¹ times.
+# If the filter is right, a hundred fixes have a mean NIS above it once in 10¹¹ times.
 _MOST_NIS = 5.0
 _GOOD, _WAITING, _DARK, _SURPRISED, _DOUBTFUL, _STALE, _LOST, _NO_RATE = range(8)
 
@@ -276,7 +276,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     store_quaternion(message, q)
     store(message[10:], estimate)
     variance, h = inputs.gyro[3], last_interval(state)
-    if h > 0.0:  # by its own numbers, as soon as it can
+    if h > 0.0:  # from the filter's own parameters, once the interval is known
         white, rounding, walk = configuration.white, configuration.rounding, configuration.walk
         variance = sample_variance(white, rounding, walk, h)
     spread = plus_diagonal(bias, variance)

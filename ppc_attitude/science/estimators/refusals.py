@@ -17,12 +17,12 @@
 Between two refused fixes the estimate turns by the gyro, and the fixes turn by what they saw. A
 false fix agrees with no other. Three kinds of wrongness do agree with themselves:
 
-- Of an estimate that began from a false fix the error is the same each time in inertial axes.
-- If the gyro's bias is wrong, be it that it has jumped by more than the filter allows for, the
-  error grows in body axes at a rate that is the same each time, and which is the bias's error.
-- Of a tracker that is wrong in a body-fixed way the error is the same each time in body axes. It is
-  not believed. It is told apart from the first kind only while the body turns more than the
-  threshold between its fixes.
+- If the estimate began from a false fix, the error is the same each time in inertial axes.
+- If the estimated gyro bias is wrong, for example because the bias has jumped by more than the
+  filter allows for, the error grows in body axes at a constant rate, which is the bias's error.
+- If the tracker is wrong in a body-fixed way, the error is the same each time in body axes. Such a
+  tracker is not believed. It differs from the first kind only while the body turns by more than the
+  threshold between two fixes.
 """
 
 from typing import Any
@@ -47,7 +47,7 @@ from ppc_attitude.science.kernel import (
 from ppc_attitude.science.parameter import record_type
 
 REFUSALS = record_type(
-    ("agreeing", np.int64),  # refused fixes in a row of one error in inertial axes
+    ("agreeing", np.int64),  # refused fixes in a row with the same error in inertial axes
     ("error", np.float64, (4,)),  # of the last refused fix, inertial axes
     ("body_error", np.float64, (4,)),  # the same in body axes
     ("valid_ns", np.int64),  # its validity [ns]
@@ -70,7 +70,7 @@ def _spread(settings: Any, white: float, t: float) -> float:
 
 @kernel
 def _stays(settings: Any, white: float, before: Quaternion, now: Quaternion, t: float) -> bool:
-    """Whether an error is, t [s] later, what it was, but for noise and a bias that is expected."""
+    """Whether an error is the same t [s] later, up to noise and the expected error of the bias."""
     turn = logarithm(product(now, conjugate(before)))
     spread = _spread(settings, white, t) + settings.bias_variance * t * t
     return bool(dot(turn, turn) <= settings.gate * spread)
@@ -89,7 +89,7 @@ def _drifts(refusals: Any, settings: Any, white: float, turn: Vector, t: float) 
 
 @kernel
 def _is_of_bias(refusals: Any, settings: Any, white: float, body_error: Quaternion) -> bool:
-    """Whether the error's growth is more than noise, and none that a body-fixed error makes."""
+    """Whether the error's growth is more than noise, and not that of a body-fixed error."""
     t = seconds(refusals.valid_ns - refusals.first_ns)
     drift = vector(refusals.drift)
     grows = dot(drift, drift) > settings.gate * _spread(settings, white, t)
