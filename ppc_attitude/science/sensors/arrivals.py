@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which fix arrives with which instant, by the stamps alone, as an estimator must know it."""
+"""Which fix arrives at which instant, from the stamps alone, as an estimator's node must know."""
 
 from collections.abc import Mapping
 from fractions import Fraction
@@ -31,12 +31,12 @@ _SAY_WHEN = (RATE, LATENCY, INITIAL_FIX)
 
 
 def check_slots(component: Component) -> None:
-    """See that a component that reads what comes late says itself when it comes.
+    """Check that a component that reads a late column has the parameters that say when it comes.
 
     Raises
     ------
     ConfigurationError
-        It reads a late column and has not all parameters of which `Slots` are made, or several.
+        It lacks a parameter of which `Slots` are made, or it reads several late columns.
     """
     lacking = [each.name for each in _SAY_WHEN if each.name not in component.defaults]
     late = [column for column in component.inputs if column.late]
@@ -61,12 +61,12 @@ class Slots:
     Parameters
     ----------
     values : mapping of str to value
-        Parameters of an estimator: fixes per second, from validity to arrival [s], and whether the
-        first one comes at once. A fix arrives with the first instant from its arrival on.
+        Parameters of an estimator: fixes per second, latency [s], and whether the first fix comes
+        at once. A fix comes with the first instant that is not before its arrival.
     """
 
     def __init__(self, values: Mapping[str, Any]) -> None:
-        # Exactly, as ns for so many slots: the time since 1970 has more digits than a float.
+        # Exact, as so many ns for so many slots: a time since 1970 has more digits than a float.
         self._ns, self._slots = (
             NANOSECONDS / Fraction(float(values[RATE.name]))
         ).as_integer_ratio()
@@ -98,7 +98,7 @@ class Slots:
         return slot >= 0 and abs(self._stamp(slot) - valid_ns) <= TOLERANCE
 
     def arrived(self, valid_ns: int, stamp_ns: int) -> bool:
-        """Whether the fix of a stamp of validity [ns] should have come with a stamp [ns] before."""
+        """Whether a fix that was valid at `valid_ns` should have come by the stamp `stamp_ns`."""
         return self._slot(stamp_ns - self._latency) >= self._slot(valid_ns + TOLERANCE)
 
     def _slot(self, time_ns: int) -> int:

@@ -92,7 +92,7 @@ def measured(
 def _failed(
     q: Quaternion, omega: Vector, stamp_ns: int, state: Any, faults: Any
 ) -> tuple[Quaternion, Vector]:
-    """Attitude and rate [rad/s] that sensors tell with their faults, of what they would tell."""
+    """Attitude and rate [rad/s] that the sensors give with their faults, from those without."""
     i = acting(faults, _ATTITUDE, How.BIAS, stamp_ns)
     if i >= 0:
         q = normalised(product(q, exponential(vector(faults.fault[i].value))))

@@ -55,7 +55,7 @@ INITIAL_BIAS_SIGMA = at_start(
     high=1.0,
 )
 RESOLUTION = _size("gyro.resolution", 0.0, "LSB of the gyro; 0: not rounded", "rad/s")
-_MOST_COUNTS = 2.0**52  # a float64 beyond has nothing behind the point
+_MOST_COUNTS = 2.0**52  # a float64 beyond has no fractional digits
 _added = partial(Parameter, low=0.0, high=0.1)
 PARAMETERS = (
     ANGULAR_RANDOM_WALK,
@@ -126,7 +126,7 @@ _NOISE, _INITIAL_BIAS, _SCALE, _MISALIGNMENT = 8, 16, 18, 20
 def gyro_record(values: Mapping[str, Any]) -> Any:
     """Record of dtype `GYRO` from checked parameters of the plant.
 
-    The seed adds to the fixed errors what their standard deviations say.
+    Errors drawn by the seed, with the given standard deviations, are added to the fixed ones.
     """
     record = np.zeros((), GYRO)[()]
     record["white"] = values["gyro.angular_random_walk"]

@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A gyro and a star tracker: what a craft measures that is not told the truth.
+"""A gyro and a star tracker: the sensors of a craft whose law is not told the truth.
 
-The gyro gives one sample an instant, the mean rate since the one before. The tracker gives a fix a
-slot, which arrives late: an instant's fix was valid some steps ago.
+The gyro gives one sample per instant, the mean rate since the previous instant. The tracker gives
+one fix per slot, which arrives late: the fix that comes with an instant was valid some steps ago.
 """
 
 import math
@@ -121,7 +121,7 @@ CONFIGURATION = record_type(
     INITIAL_FIX,
     ("gyro", gyro.GYRO),
     ("tracker", star_tracker.STAR_TRACKER),
-    ("coarse", np.float64),  # LSB of the gyro by its noise, if it is a dead band; else 0
+    ("coarse", np.float64),  # ratio of the gyro's LSB to its noise, if above 1: a dead band; else 0
     ("faults", RECORD),
 )
 STATE = record_type(
@@ -139,7 +139,7 @@ STATE = record_type(
 
 @kernel
 def _failed_gyro(sample: Vector, state: Any, configuration: Any, stamp_ns: int) -> Vector:
-    """Rate [rad/s] that the gyro tells with its faults, of what it would tell."""
+    """Rate [rad/s] that the gyro gives with its faults, from the one without."""
     faults, most = configuration.faults, configuration.gyro.full_scale
     if acting(faults, _GYRO, How.SATURATED, stamp_ns) >= 0:
         sample = (
@@ -251,7 +251,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 
 
 def _coarse(values: Mapping[str, Any]) -> float:
-    """LSB of the gyro by the noise of a sample, if it is a dead band; else 0."""
+    """Ratio of the gyro's LSB to the noise of a sample, if above 1: a dead band; else 0."""
     white, lsb = values[gyro.ANGULAR_RANDOM_WALK.name], values[gyro.RESOLUTION.name]
     noise = white * math.sqrt(values[RATE.name])
     if lsb <= noise:

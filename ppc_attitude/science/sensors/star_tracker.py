@@ -114,11 +114,11 @@ PARAMETERS = (
 ROUNDING = 7e-7
 """Stamps are rounded, and latencies are written, with errors below this [s].
 
-A fix may arrive so much before its latency is over. No latency that is written in microseconds is
-this much longer than a whole number of steps: who sends and who waits never disagree.
+A fix may arrive this much before its latency is over. No latency that is written in microseconds
+exceeds a whole number of steps by just this much, so sender and receiver never disagree.
 """
 MAX_BLINDINGS = 32
-MAX_DELAY = 1000  # [steps] a late fix finds the state of its validity among so many
+MAX_DELAY = 1000  # [steps] a late fix must find the state of its validity among so many
 STAR_TRACKER = record_type(
     ("sigma", np.float64, (3,)),  # [rad] in tracker axes
     ("mounting", np.float64, (4,)),  # tracker to body, x y z w
