@@ -54,7 +54,7 @@ def cones_of(values: Mapping[str, Any]) -> Any:
     Raises
     ------
     ConfigurationError
-        Lists of different lengths, too many cones, or a direction that is none.
+        Lists of different lengths, too many cones, or a direction without length.
     """
     cones = np.zeros((), CONES)[()]
     half_angles = values[HALF_ANGLES.name]
@@ -112,7 +112,7 @@ def one_for_each(name: str, texts: Sequence[str], count: int) -> Sequence[str]:
     Raises
     ------
     ConfigurationError
-        There are neither one nor `count`.
+        Neither one text nor `count` texts are given.
     """
     if len(texts) == 1:
         return list(texts) * count

@@ -59,7 +59,7 @@ SPINNING = record_type(
 # |z × s|/|s| of the two directions below which a frame's y axis is ill defined.
 LEAST_SINE = 0.1
 
-Direction = tuple[Vector, Vector, Vector]
+Direction = tuple[Vector, Vector, Vector]  # a vector and its first two derivatives by time
 
 
 @kernel
@@ -75,7 +75,7 @@ def unit(u: Direction) -> Direction:
 
 @kernel
 def crossed(a: Direction, b: Direction) -> Direction:
-    """A × b with its first two derivatives, by the product rule."""
+    """Cross product a × b with its first two derivatives, by the product rule."""
     return (
         cross(a[0], b[0]),
         add(cross(a[1], b[0]), cross(a[0], b[1])),

@@ -77,11 +77,11 @@ STATE = record_type(
     ("refused", np.int64),  # of these
     ("open_ns", np.int64),  # orders before this instant have been obeyed
     ("outcome", np.int64),  # of the last one
-    ("measured", np.float64),  # what it was refused for, and what is allowed or when it was,
-    ("allowed", np.float64),  # each in the unit of its reason
-    ("inside", np.int64),  # bits of the cones that it began in
-    ("barred", np.int64),  # bits of the cones that the direct way to it crosses
-    ("cone", np.int64),  # that the last goal was refused for; −1: none
+    ("measured", np.float64),  # the number that the last order was refused for,
+    ("allowed", np.float64),  # and the allowed number or the time, in units as of the reason
+    ("inside", np.int64),  # bits of the cones that the last plan begins in
+    ("barred", np.int64),  # bits of the cones that the direct way to the last goal crosses
+    ("cone", np.int64),  # the cone that the last goal was refused for; −1: none
     ("watch", WATCH),
     ("attitude", np.float64, (4,)),  # the last answer, whose sign the next one continues
 )
@@ -98,7 +98,7 @@ STATE = record_type(
     TOO_FAR,
 ) = range(10)
 MOST_SPIN = 0.9  # of V
-_ROUNDS = 5
+_ROUNDS = 5  # fixed-point rounds for the time of arrival
 
 
 @kernel
@@ -120,7 +120,7 @@ def motion_now(t: float, guidance: Any, state: Any) -> Motion:
 
 @kernel
 def refused(outcome: int, measured: float, allowed: float, state: Any) -> int:
-    """Remember what a refusal is for, each in the unit of its reason; returns the outcome."""
+    """Remember the numbers of a refusal, in units as of its reason; return the outcome."""
     state.measured = measured
     state.allowed = allowed
     return outcome
@@ -187,7 +187,7 @@ def _aim(t: float, frame: int, attitude: Quaternion, trial: Any, guidance: Any, 
 
 @kernel
 def _approach(t: float, trial: Any, motion: Motion, guidance: Any, state: Any) -> int:
-    """Fill a plan with brake and turn to its goal, past nothing."""
+    """Fill a plan with brake and turn to its goal, whatever cones are in the way."""
     plan = state.plans[state.active]
     at_rest = plan.frame == INERTIAL and trial.frame == INERTIAL and t >= plan.end
     limits, sky = guidance.limits, guidance.sky
@@ -257,7 +257,7 @@ def plan_to(t: float, frame: int, attitude: Quaternion, guidance: Any, state: An
     Parameters
     ----------
     t
-        When the goal comes [s], not before the last call's.
+        Time of the goal [s], not before that of the last call.
     frame, attitude
         The goal: a frame's number and the attitude relative to it, x y z w.
     guidance, state

@@ -19,8 +19,8 @@ In a frame that turns with f a slew turns about e with θ' ≤ V, θ'' ≤ A and
 ω_d = θ' e + f,  ω_d' = θ'' e + f' − θ' e × f,
 ω_d'' = θ''' e + f'' − 2 θ' e × f' − θ'' e × f + θ'² e × (e × f).
 
-An order during a slew begins with a brake from the present ω and α relative to the new frame. It
-lasts T: 1 s, 1.5 |ω|/A or 2 |α|/K, and longer by tenths until its acceleration keeps A, which it
+An order during a slew begins with a brake from the present ω and α relative to the new frame. Its
+time T is the largest of 1 s, 1.5 |ω|/A and 2 |α|/K, and longer by tenths until it keeps A, which it
 does from 2.13 |ω|/A on. Its polynomial first goes on with α. So its rate reaches at most 1.2 |ω|,
 or |ω| + 4/27 |α| 1 s if 1 s is enough; before it has V, a slew has α² ≤ 2 K V. Where frames change,
 α has the terms of both frames. A brake that would reach more lasts less, but at least
@@ -38,12 +38,12 @@ from ppc_attitude.science.guidance.slew import GOES_ON, LONGER, ROUNDING, SHORTE
 from ppc_attitude.science.kernel import Vector, kernel, norm, subtract
 from ppc_attitude.science.orbit import CURSOR
 
-_STEP = 1.0  # [s] between two looks at a frame
+_STEP = 1.0  # [s] of the grid on which a frame is sampled
 
 
 @kernel
 def _largest(frame: int, count: int, spinning: Any, sky: Any, cursor: Any) -> Vector:
-    """Largest ‖f‖, ‖f'‖ and ‖Δf'‖ from point to point, of so many points of the grid."""
+    """Largest ‖f‖, ‖f'‖, and ‖Δf'‖ from point to point, at `count` points of the grid."""
     rate, first, change = 0.0, 0.0, 0.0
     before = frame_at(0.0, frame, spinning, sky, cursor)[0][2]
     for i in range(count):

@@ -14,7 +14,7 @@
 
 """Orders to guidance: goals, holds and timed profiles, scheduled or given in flight.
 
-The book of a run has them in the order in which they act.
+The order book of a run has them in the order in which they act.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -72,7 +72,7 @@ ORDER = record_type(
 
 
 class Orders(NamedTuple):
-    """An order to the reference.
+    """Orders to the reference.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ def scheduled_orders(values: Mapping[str, Any]) -> Orders:
     ------
     ConfigurationError
         Times, frames and attitudes are not equally many, times are not in order, an attitude is
-        not unit, or the points of a profile are none.
+        not unit, or the points of a profile are not allowed.
     """
     times = values[GOAL_TIMES.name]
     attitudes = np.reshape(values[GOAL_ATTITUDES.name], (-1, 4))
@@ -175,7 +175,7 @@ Make = Callable[[int], NDArray[Any]]
 
 
 class OrderBook:
-    """Orders, of which those that have acted come first.
+    """Orders, sorted by their stamps, scheduled and given in flight.
 
     Parameters
     ----------
@@ -218,7 +218,7 @@ class OrderBook:
         self._changed = True
 
     def at(self, stamp_ns: int) -> NDArray[Any] | None:
-        """Let act what waits for the next instant [ns]; all orders, if they have changed."""
+        """Insert the orders that wait for the next instant [ns]; return all, if they changed."""
         self._stamp = stamp_ns
         for make in self._beginning:
             self._insert(make(stamp_ns))

@@ -68,7 +68,7 @@ PLAN = record_type(
     ("count", np.int64),
     ("legs", LEG, (MOST_LEGS,)),
 )
-# Where plans are made: the sky, and two cursors of the orbit, for now and for looking ahead.
+# Two cursors of the orbit: one for the present, one for looking ahead.
 LOOK = record_type(("now", CURSOR), ("ahead", CURSOR))
 
 

@@ -52,8 +52,8 @@ def about(axis: Vector, angle: float) -> Quaternion:
 def axis_and_angle(q: Quaternion) -> tuple[Vector, float]:
     """Eigenaxis and angle [rad], 0 to π, of a rotation, the short way.
 
-    Of half a turn the axis is the one whose first component that is not zero, nor made by rounding,
-    is positive. Of no turn the angle is 0 and the axis any.
+    For half a turn the axis is the one whose first component beyond rounding is positive. For no
+    turn the angle is 0 and the axis arbitrary.
     """
     v = vector(q)
     sine = norm(v)
@@ -114,7 +114,7 @@ def exponential_motion(phi: Vector, first: Vector, second: Vector) -> Motion:
 
 @kernel
 def rotation_vector_rates(phi: Vector, omega: Vector, alpha: Vector) -> tuple[Vector, Vector]:
-    """φ' and φ'' of Exp(φ(t)) from its rate ω and acceleration α: the inverse of the above.
+    """φ' and φ'' of Exp(φ(t)) from its ω and α: the inverse of `exponential_motion`.
 
     φ' = ω + ½ φ × ω + c φ × (φ × ω), c = (1 − (θ/2) cot(θ/2))/θ², |φ| < 2π.
     """
@@ -144,7 +144,7 @@ def rotation_vector_rates(phi: Vector, omega: Vector, alpha: Vector) -> tuple[Ve
 
 @kernel
 def composed(frame: Motion, relative: Motion) -> Motion:
-    """Motion seen from inertial space of what moves relative to a frame that moves.
+    """Motion in inertial space, from a motion relative to a frame that itself moves.
 
     ω_d = ω_rel + C ω_frame, ω_d' = α_rel + C ω_frame' − ω_rel × C ω_frame.
     """

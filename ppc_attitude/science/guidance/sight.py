@@ -90,7 +90,7 @@ def crossing(
     plan
         Record of dtype `PLAN`.
     begin, end
-        From when, not before the cursor of now, until when [s].
+        Times between which to look [s]; the first is not before the cursor `look.now`.
     free, exempt
         Cones in the bits of `exempt` are ignored until `free` [s].
     guidance, look

@@ -147,7 +147,7 @@ def quintic(
 
 @kernel
 def _segment(trial: Any, i: int, points: Any, limits: Any) -> float:
-    """Add the quintic from one point to the next; its largest rate or acceleration by V or A."""
+    """Add the quintic from point i to the next; return its largest |ω|/V or |α|/A."""
     start = quaternion(points.attitude[i])
     axis, angle = turn_between(start, quaternion(points.attitude[i + 1]))
     change = scale(angle, axis)

@@ -14,8 +14,8 @@
 
 """Goals as the reference: rest at the craft's first attitude, then slews to whatever is ordered.
 
-The desired motion is continuous for ever, attitude, rate and acceleration: a new goal never throws
-the error out of its envelope.
+Attitude, rate and acceleration of the desired motion are continuous at all times, so that a new
+goal never throws the error out of its envelope.
 """
 
 import math
@@ -84,7 +84,7 @@ from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.science.signals import ATTITUDE, DESIRED_MOTION
 from ppc_attitude.science.sky import earth_angle
 
-# A slew at the least of these takes days, and the search for cones steps along the whole of it.
+# At the lower bounds a slew takes days, and the search for cones steps along the whole of it.
 MAX_RATE = Parameter(
     "guidance.max_rate", math.radians(2.0), "V, rate of a slew", "rad/s", low=1e-5, high=10.0
 )
@@ -159,7 +159,7 @@ def configure(values: Mapping[str, Any]) -> tuple[Any, NDArray[Any], NDArray[Any
     Raises
     ------
     ConfigurationError
-        Lists of different lengths, an attitude that is not unit, a direction that is none, times
+        Lists of different lengths, an attitude that is not unit, a direction without length, times
         that do not increase, an impossible orbit or date.
     """
     return configuration_of(values, scheduled_orders(values))
@@ -196,7 +196,7 @@ def configuration_of(
 
 @kernel
 def obey(order: Any, guidance: Any, state: Any) -> None:
-    """Take an order at its stamp, or at the begin if that was later."""
+    """Take an order at its stamp, or when the reference began if that was later."""
     t = max(seconds(order.stamp_ns), state.begin)
     if order.frame == HOLD:
         hold(t, guidance, state)
@@ -290,13 +290,13 @@ def advice(state: Any) -> Advice:
 
 
 def _named(bits: int) -> str:
-    """Names of the keep-out cones of some bits."""
+    """Words for the keep-out cones whose bits are set."""
     numbers = [str(i) for i in range(MOST_CONES) if bits >> i & 1]
     return f"keep-out cone{'s' if len(numbers) > 1 else ''} {', '.join(numbers)}"
 
 
 def facts(t: float, guidance: Any, state: Any) -> dict[str, Any]:
-    """Numbers of the last order and of what is in sight at t [s], for who reads them by machine."""
+    """Numbers of the last order and of the scene at t [s], in the form that programs read."""
     plan = state["plans"][state["active"]]
     return {
         "order": int(state["obeyed"]),

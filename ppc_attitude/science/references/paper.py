@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The paper's desired motion: ω_d (section V.A), and the attitude that follows from it."""
+"""The paper's desired motion: ω_d (eq. 35), and the attitude that follows from it."""
 
 import math
 from collections.abc import Mapping
@@ -63,8 +63,8 @@ AMPLITUDE = Parameter(
     low=-10.0,
     high=10.0,
 )
-# With the least the attitude is off by 4e-6 rad for each rad/s of the amplitude; with much less the
-# grid would not see ω_d change its sign, and the attitude would turn on and on.
+# At the lower bound the attitude is off by 4e-6 rad for each rad/s of the amplitude; far below it
+# the grid would not see ω_d change its sign, and the attitude would turn on and on.
 PERIOD_CONSTANT = Parameter(
     "period_constant", [30.0, 20.0, 40.0], "T1, T2, T3 of ω_d", "s", length=3, low=GRID
 )

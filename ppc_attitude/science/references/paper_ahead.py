@@ -14,7 +14,7 @@
 
 """The paper's desired motion, with what lies ahead of it: how far the desired frame will turn.
 
-A law that knows it goes round the way that the desired frame comes to meet it.
+A law that reads this can turn the way round on which the desired frame comes to meet the craft.
 """
 
 import math
