@@ -14,7 +14,7 @@
 
 """The torque of a low Earth orbit: gravity gradient, residual dipole, air and sunlight.
 
-It looks at the true attitude at the begin of each step, and holds until the next.
+It is computed from the true attitude at the beginning of each step, and held until the next.
 """
 
 import math
@@ -154,7 +154,7 @@ def configure(values: Mapping[str, Any]) -> Any:
         count=plates.size,
     )
     density = air_density(_lowest(record)[0], record)
-    if not density <= DENSITY.high:  # NaN is not either
+    if not density <= DENSITY.high:  # so written, it also refuses NaN
         raise ConfigurationError(
             f"{DENSITY.name} = {values[DENSITY.name]:g} kg/m³ at {ALTITUDE.name} = "
             f"{values[ALTITUDE.name]:g} m with {SCALE_HEIGHT.name} = "

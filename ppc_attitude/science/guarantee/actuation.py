@@ -116,7 +116,7 @@ def actuation_of(
     else:
         rest = gyroscopic + fastest * added
     rest += gyroscopic_share(spinning) * fastest**2
-    # Friction may turn round within a sample, at the speed that a wheel gains meanwhile.
+    # Friction may change its sign within a sample, at the speed that a wheel gains meanwhile.
     gained = h * ((motor + friction) / spin + turned)
     unknown = 2.0 * (craft["static"] + craft["viscous"] * gained) + abs(1.0 - knowledge) * friction
     rest += float((unknown @ np.abs(axes)).max())
@@ -144,7 +144,7 @@ def held_momentum(plant: Mapping[str, Any]) -> float:
 
 
 def are_full(plant: Mapping[str, Any], speeds: Floats) -> NDArray[np.bool_]:
-    """Whether some wheel, at speeds [rad/s] of a row each, may reach its largest in a sample."""
+    """For each row of speeds [rad/s]: whether some wheel may reach its largest one in a sample."""
     full = _wheels(plant)["full"]
     return np.asarray((np.abs(speeds[:, : full.size]) >= full).any(axis=1))
 

@@ -102,7 +102,7 @@ class Body:
 
 
 def sum_of(values: Iterable[Number]) -> Number:
-    """Add numbers of any arithmetic, one by one: of floats some versions of `sum` do otherwise."""
+    """Add numbers of any arithmetic one by one; `sum` of floats is compensated in Python 3.12."""
     return reduce(add, values, 0)
 
 

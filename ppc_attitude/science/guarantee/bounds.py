@@ -206,7 +206,7 @@ class Bounds:
         return cells(self._speed, lowest, count)
 
     def _main_variation(self) -> Numbers:
-        """δF in the main phase: it stands in A, so it must be a fixed point."""
+        """δF in the main phase: A depends on it, so it must be a fixed point."""
         guess = self._next_variation(self._next_variation((0.0,) * 3))  # from below
         # A δF that reproduces less than itself bounds the true one.
         inflated = _triple(lambda i: guess[i] * 1.002)
@@ -219,7 +219,7 @@ class Bounds:
         return inflated
 
     def _next_variation(self, variation: Numbers) -> Numbers:
-        """δF in the main phase from one that stands in A, with the ramps of r and σ."""
+        """δF in the main phase, with the ramps of r and σ, if A is taken with `variation`."""
         A = self._acceleration(self._Omega, variation)
         sigma = 2 * A * self._largest(nu_of, self.blend) * self._z  # of σ' n', |σ'| ≤ ‖v'‖ ≤ A
 

@@ -253,7 +253,7 @@ def _cell(speed: Speed, phi: _Range, cap: _Range, brake: _Range) -> Cell:
     cotangent = largest(half_cotangent(start, arithmetic), half_cotangent(end, arithmetic))
     g_low = arithmetic.sqrt(2 * weak * start - weak * weak / (k * k))
     g_high, g_slope = k * end, k
-    if end * k * k > a:  # or the strongest brake of the cell is linear in all of it
+    if end * k * k > a:  # else even the strongest brake is linear in the whole cell
         g_high = least(g_high, arithmetic.sqrt(2 * a * end - a * a / (k * k)))
     if start * k * k > a:
         g_slope = least(k, a / arithmetic.sqrt(2 * a * start - a * a / (k * k)))

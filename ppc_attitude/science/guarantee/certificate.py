@@ -100,7 +100,7 @@ def certify(
     Raises
     ------
     ValueError
-        python-flint is missing, or nothing can be evaluated; says what.
+        python-flint is missing, or nothing can be evaluated; the message says which.
     """
     arithmetic = balls() if arithmetic is None else arithmetic
     assumed, law = assumptions_of(values), law_of(values)

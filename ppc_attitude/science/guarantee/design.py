@@ -37,14 +37,14 @@ _K_SHARE = (0.02, 0.04, 0.067, 0.1)
 _ELL = (0.05, 0.1, 0.2, 0.4, 1.0)
 _SHORT = ((0.02, 0.07, 0.2, 0.4), (0.02, 0.05), (0.2, 1.0))
 _FAR = (1.5, 3.0, 10.0, 100.0, 1000.0)  # by which one number may be changed to be feasible
-# These numbers, W with what scales with it, and both errors of an estimate; or all of the last.
+# Numbers of which more or less helps, those of one group scaled alike; at last all of `_TOGETHER`.
 _MORE_HELPS = (("max_torque",), ("Omega",))
 _LESS_HELPS = (("d",), ("W", "W1", "W2"), ("e_S",), ("e_A", "e_W"), ("dead_band",), ("h",))
 _TOGETHER = ("d", "e_S", "e_A", "e_W")
 _FACTORS = ((1.4, 0.7), (1.15, 0.87))  # by which a search changes one gain, then by less
-_ALMOST = 1.3  # of the error in the end: what is reached in a time that can be told
+_ALMOST = 1.3  # times the final error: what is reached in a time that can be told
 _WISHES = ("an accuracy", "a rate at the start", "a settling time", "a torque noise")  # as judged
-_WORTHWHILE = 0.05  # [s] of settling time for which it goes on
+_WORTHWHILE = 0.05  # [s] of settling time for which the search goes on
 
 
 @dataclass(frozen=True)
@@ -93,15 +93,15 @@ class Design:
 
 
 class UnwishedError(ValueError):
-    """Every inequality can be satisfied, but not a wish; says what comes nearest to it."""
+    """Every inequality can be satisfied, but not a wish; the message says what comes nearest."""
 
     def __init__(self, wish: str, wanted: float, reached: float, unit: str) -> None:
-        told = reached * (1.001 if reached > wanted else 0.999)  # its digits, taken, are enough
+        told = reached * (1.001 if reached > wanted else 0.999)  # so the printed digits suffice
         super().__init__(
             f"{wish} of {wanted:g} {unit}".rstrip()
             + f" cannot be guaranteed; the nearest that was found is {told:.4g} {unit}".rstrip()
         )
-        # Who got further in the order of the wishes is nearer; then, who is less far off.
+        # A law that fails a later wish is nearer; if both fail the same one, the less far off.
         self.distance = -_WISHES.index(wish), max(reached / wanted, wanted / reached)
 
 
@@ -121,9 +121,9 @@ def design(assumed: Assumptions, wishes: Wishes, h: float) -> Design:
     Raises
     ------
     InfeasibleError
-        No gains satisfy every inequality; names the one that the best gains fail.
+        No gains satisfy every inequality; the message names the one that the best gains fail.
     UnwishedError
-        The inequalities can be satisfied, but not a wish; says what comes nearest to it.
+        The inequalities can be satisfied, but not a wish; the message says what comes nearest.
     """
     search = _Search(assumed, wishes, h)
     search.tries(_grid(assumed, h, short=True))
@@ -193,7 +193,7 @@ def designed(assumed: Assumptions, wishes: Wishes, h: float, gains: Gains) -> De
     Raises
     ------
     InfeasibleError
-        An inequality fails; names it.
+        An inequality fails; the message names it.
     UnwishedError
         The inequalities hold, but not a wish.
     """
@@ -247,7 +247,7 @@ def _nearest_factor(
     assumed: Assumptions, wishes: Wishes, h: float, gains: Gains | None, given: dict[str, float]
 ) -> float | None:
     """Nearest factor of given numbers with which a design succeeds; None if no factor helps."""
-    first = 0  # of the gains: those that a neighbour was feasible with
+    first = 0  # index of the gains with which the last feasible factor was found
 
     def helps(logarithm: float) -> bool:
         nonlocal first
@@ -261,7 +261,7 @@ def _nearest_factor(
                 return True
         return False
 
-    # Not only too little fails: what is far too much may fail as well.
+    # Not only a factor too near to 1 fails: one far too large or too small may fail as well.
     low, high = 0.0, 0.0  # infeasible, feasible: logarithms of a factor
     for most in _FAR:
         low, high = high, math.log(most if (*given,) in _MORE_HELPS else 1.0 / most)

@@ -51,7 +51,7 @@ class Envelope:
         self._e_A, self._zero = number(assumed.e_A), number(0.0)
 
     def told(self, rate: float) -> Number:
-        """Largest ‖ω_e‖ [rad/s] that an event with a true one up to a rate [rad/s] is told."""
+        """Largest ‖ω_e‖ [rad/s] that the law is told at an event with a true one up to `rate`."""
         return self._arithmetic.number(rate) + self._bounds.e_w
 
     def speed(self, phi: Number, cap: Number) -> Number:
@@ -122,7 +122,7 @@ class Envelope:
         arithmetic, step, one = self._arithmetic, self._step, self._arithmetic.number(1.0)
         drift, time = self.stop(rate, stop)
         reserve, limit = self._bounds.reserve, self.settled(accuracy)
-        # Who begins within the accuracy may still drift out of it while the brake sets in.
+        # An error that begins within the accuracy may still drift out while the brake sets in.
         phi = arithmetic.upper(arithmetic.largest(phi + self._e_A + drift, limit))
         r = arithmetic.number(0.0)
         for n in range(_PATIENCE):
@@ -168,11 +168,11 @@ class Envelope:
         Raises
         ------
         ValueError
-            The hit may make the craft tumble, or lead out of the tube without being seen for a hit.
+            The hit may make the craft tumble, or lead out of the tube without being seen as a hit.
         """
         number, law, bounds = self._arithmetic.number, self._law, self._bounds
-        # What the law and its tube may have against a torque that leads out of it in one sample,
-        # and that the own actuator does not explain: the law counts on less of a weak one.
+        # A torque above this leads out of the tube in one sample, whatever law and tube have
+        # against it. Nor does a weak actuator explain it, of which the law would count on less.
         own = self._assumed.max_torque
         seen = 3.0 * self._assumed.d + max(
             max((y + n) / law.h, own + 4.0 * n / law.h) + law.kappa * y

@@ -131,7 +131,7 @@ def _iterated(assumed: Assumptions, law: Law, count: Cells) -> Law:
     law = _roomy(bounds)
     bounds = _evaluated(assumed, law, count)
     failing = _failing(bounds)
-    if [each.name for each in failing] == ["C9"]:  # what was rounded asks for a larger error
+    if [each.name for each in failing] == ["C9"]:  # the rounded numbers ask for a larger `far`
         law = replace(law, far=_roomy_far(bounds))
         failing = _failing(_evaluated(assumed, law, count))
     if failing:

@@ -16,7 +16,7 @@
 
 n has the same numbers in the desired frame and turns by ν‖ω_⊥‖ only, so b = n·ω_d(t) is known up to
 a cell of n and what n may have turned: V is larger than its least value most of the time. The cells
-cover the sphere, and the angles that the bound for any reference does not settle sooner.
+cover the sphere, and the angles for which the bound for any reference is not shorter.
 """
 
 import math
@@ -141,7 +141,7 @@ class KnownReference:
             )
         near = self._envelope.near_time(self._law.far, rate, accuracy)
         longest = near
-        # The time that is found is at most that for any reference: half of the steps.
+        # The time to be found is at most that for any reference, which takes half of the steps.
         any_reference = self._envelope.far_time(math.pi + self._lead, rate, accuracy)
         self._step = max(_STEP, 2.0 * any_reference / _STEPS)
         for start in np.linspace(np.pi, self._law.far, 40):
@@ -160,7 +160,7 @@ class KnownReference:
     ) -> float:
         """Time for every start between two angles [rad], to each of which n·Θ is added.
 
-        Roughly, if it is less than is known.
+        It is only found roughly if it is less than the known time [s].
         """
         longest = 0.0
         cells: NDArray[np.int64] = np.arange(6 * _FACES[0] ** 2)
@@ -245,7 +245,7 @@ class KnownReference:
 
 @kernel
 def speeds(phi: Array, cap: Array, k: float, a: float) -> Array:
-    """f(φ; V) [rad/s] of the law itself, on arrays; a cap below 0 is none."""
+    """f(φ; V) [rad/s] of the law itself, on arrays of shape (n,); a cap below 0 counts as 0."""
     found = np.empty_like(phi)
     for i in range(phi.size):
         found[i] = capped_brake(phi[i], k, a, max(cap[i], 0.0))[0]

@@ -52,7 +52,7 @@ _ROUNDING = 1e-12  # relative, of an inertia
 TUBE = 0.03
 """Share of the largest omega0 that a design first takes for the rate error in the tube."""
 DEVIATIONS = 5.0
-"""A Gaussian error beyond this often its deviation breaks an assumption; a design leaves room."""
+"""σ beyond which a Gaussian error breaks an assumption; a design leaves room: `_NOISE` of them."""
 # What a filter cannot know of its sensors: its covariance says nothing of these errors.
 _UNSEEN = (
     "gyro.scale_factor",
@@ -73,7 +73,7 @@ def broken_assumptions(assumed: Assumptions, law: Law, nodes: Nodes) -> Iterator
     law : Law
         Numbers of the certified law.
     nodes : Nodes
-        What is assumed of them.
+        Parameters of the nodes around the law, which are compared.
     """
     plant = nodes.plant
     if 1.0 / plant["rate"] > law.h * (1 + 1e-9):
@@ -199,7 +199,7 @@ def fastest_of(assumed: Assumptions, law: Law) -> float:
 
 
 def tube_of(assumed: Assumptions, law: Law) -> float:
-    """Return the `tube` of `assumptions_from` from which on no craft is faster than it takes."""
+    """Return the `tube` with which `assumptions_from` takes `fastest_of` for the largest rate."""
     return (fastest_of(assumed, law) - assumed.W) / (TUMBLING[0] * assumed.Omega) - 1.0
 
 
@@ -228,7 +228,7 @@ def white_noise(nodes: Nodes) -> tuple[float, float]:
 
 
 def _rate_lag(nodes: Nodes, assumed: Assumptions, fastest: float) -> float:
-    """Most that a gyro's mean rate of a step differs from the rate at its end [rad/s]: h ω'/2.
+    """Largest difference of a gyro's mean rate of a step from the rate at its end [rad/s]: h ω'/2.
 
     J ω' = τ + d − ω × Jω, with ‖ω‖ up to the fastest [rad/s] of what is promised. J differs from Ĵ
     by ‖S‖ ≤ e_S: so ω × Jω by at most e_S λ_max ‖ω‖², and J⁻¹y from Ĵ⁻¹y by at most ε ‖Ĵ⁻¹y‖.
