@@ -65,7 +65,7 @@ class Loop:
     ) -> None:
         self._stamps_ns = stamps_ns
         self._diagram = Diagram(scenario.parameters, timetable=timetable)
-        # Numbers decide what goes on record: there is room for all that the components give.
+        # Parameter values decide which columns go on record, so there is room for all of them.
         components = [component for _, component in selected(scenario.parameters)]
         widths = [column.width for component in components for column in component.outputs]
         self._samples = np.zeros((sum(widths), stamps_ns.size))
@@ -110,7 +110,7 @@ def by_column(
 ) -> dict[str, Array]:
     """Views of the samples of each column, of shape (n, width), by its name.
 
-    Those of a late column are put to the instants of their validity, in place, and have no age.
+    Samples of a late column are moved, in place, to the instants of their validity, without age.
     """
     found, start = {}, 0
     for column in columns:
@@ -129,7 +129,7 @@ def _put_where_valid(rows: Array, stamps_ns: NDArray[np.int64]) -> None:
     One that belongs to no instant of the run is on no record of the nodes either. Of several that
     belong to one instant the first counts, as it does in a bag.
     """
-    near = np.abs(rows[-1]) <= _LONGEST  # NaN is not
+    near = np.abs(rows[-1]) <= _LONGEST  # False for NaN
     came = np.flatnonzero(np.logical_or.reduce(rows) & near)[::-1]  # the last written stays
     valid = stamps_ns[came] - np.rint(rows[-1, came] * NANOSECONDS).astype(np.int64)
     places = np.searchsorted(stamps_ns[:-1], valid)
@@ -140,7 +140,7 @@ def _put_where_valid(rows: Array, stamps_ns: NDArray[np.int64]) -> None:
 
 
 def timetable_of(scenario: Scenario, stamps_ns: NDArray[np.int64]) -> Array:
-    """The columns that depend on time alone, at the stamps [ns]: a row for each number."""
+    """The columns that depend on time alone, at n stamps [ns]; shape (m, n), a row a number."""
     return Diagram(scenario.parameters, ahead=True).run(stamps_ns)
 
 

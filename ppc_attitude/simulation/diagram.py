@@ -86,7 +86,7 @@ def run_parts(
     whole : ndarray of bool, shape (r,)
         Becomes False for a row that gets a number that is not finite.
     """
-    # Places are unsigned: Numba would look at each signed one whether it counts from the end.
+    # Places are unsigned: of each signed one Numba would check whether it counts from the end.
     # The numbers of some instants go to `samples` together: one by one, each number would touch
     # another page of memory at every instant.
     stamps = signals.view(np.int64)  # the same memory
@@ -111,11 +111,11 @@ def run_parts(
         if k + 1 - first == _BLOCK or k + 1 == stamps_ns.size:
             for each in range(recorded.size):
                 row = samples[each, first : k + 1]
-                last = block[each]
+                numbers = block[each]
                 finite = True
-                for late in range(row.size):
-                    row[late] = last[late]
-                    finite &= abs(last[late]) < np.inf
+                for i in range(row.size):
+                    row[i] = numbers[i]
+                    finite &= abs(numbers[i]) < np.inf
                 whole[each] &= finite
             first = k + 1
 
@@ -220,7 +220,7 @@ class Diagram:
 
     @property
     def memory(self) -> list[NDArray[Any]]:
-        """All that a run changes: who puts it back may run from there again."""
+        """Arrays that a run changes: if they are put back, a run goes on from there again."""
         return [self._signals, *(part.state for part in self.parts.values())]
 
     def _places_of(self, columns: Sequence[Column]) -> list[int]:
@@ -228,7 +228,7 @@ class Diagram:
         return [self._places[column.name] + k for column in columns for k in range(column.width)]
 
     def _sources_of(self, kind: Kind, component: Component, start: int) -> list[int]:
-        """From where each number comes that a component reads."""
+        """Place in the signals from which each number comes that a component reads."""
         for column in component.inputs:
             place = self._places.get(column.name)
             if place is None:
@@ -256,8 +256,8 @@ class Diagram:
         Returns
         -------
         ndarray, shape (≥ r, n)
-            A row for each number of `columns`. So the instants of a number lie side by side, and
-            who reads one column need not pass the others.
+            A row for each number of `columns`. So the instants of a number lie side by side, and a
+            reader of one column need not pass the others.
         """
         numbers = self._recorded.size
         if samples is None:
@@ -285,7 +285,7 @@ class Diagram:
 
 @contextmanager
 def _naming(kind: str) -> Iterator[None]:
-    """Name the node of whose parameters an error of a part of this kind tells."""
+    """Put before an error of a part of this kind the node whose parameters it is about."""
     try:
         yield
     except ConfigurationError as error:

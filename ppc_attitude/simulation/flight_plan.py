@@ -38,8 +38,8 @@ def goals_told(scenario: Scenario) -> list[Answer]:
     """The reference's answer to each scheduled goal at the step that takes it.
 
     The reference follows nothing but its orders and the craft's first attitude, so this needs no
-    run of the loop. Of several goals within one step the last one is told. A reference that knows
-    no goals says nothing.
+    run of the loop. Of several goals within one step only the last one has an answer. A reference
+    that knows no goals gives none.
 
     Raises
     ------

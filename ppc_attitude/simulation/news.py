@@ -28,21 +28,21 @@ from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.scenario import Scenario
 
 _BLOCK = 4096  # instants after which the parts are asked
-_PARTS = 16  # of a block that has news: few rounds, since a step that plans a slew may take long
-_MOST = 10  # words of one part; nobody reads what a noisy one says every second of a day
+_PARTS = 16  # of a block with news: many, so rounds are few, as a step that plans a slew is slow
+_MOST = 10  # advices of one part; nobody reads one every second of a day
 
 
 def concerns(scenario: Scenario, stamps_ns: NDArray[np.int64]) -> Iterator[tuple[float, Advice]]:
     """Yield, with its time [s], each warning of a part over the stamps [ns], and that it is over.
 
-    The loop runs once more, so that it need not ask its parts at every instant when it counts.
-    Where a part has something new, the instants are divided until it is known when.
+    The loop runs once more for this, so that the run that counts need not ask its parts at every
+    instant. Where a part has something new, the instants are divided until it is known when.
     """
     diagram = Diagram(scenario.parameters)
     samples = np.zeros((sum(column.width for column in diagram.columns), _BLOCK))
     listened = list(diagram.parts.values())
     warned: dict[int, list[bool]] = {id(part): [] for part in listened}
-    # Most have something to say at the first instant.
+    # Most parts have something to say at the first instant, so it is a block of its own.
     starts = (0, *range(1, stamps_ns.size, _BLOCK), stamps_ns.size)
     for start, end in pairwise(starts):
         for time, part in _news(diagram, listened, stamps_ns[start:end], samples):

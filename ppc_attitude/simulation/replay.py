@@ -147,14 +147,14 @@ def _others(record: RunRecord) -> tuple[tuple[Difference, ...], tuple[str, ...]]
             if node not in record.parameters or component is None or kind is CONTROLLERS:
                 continue
             compared = list(component.outputs)
-            # Ours is on record in the sum with what is injected only.
+            # The torque of an environment of ours is on record only in the sum of disturbances.
             if ENVIRONMENT_TORQUE in compared and ENVIRONMENT_TORQUE.name not in record:
                 compared.remove(ENVIRONMENT_TORQUE)
             if ENVIRONMENT_TORQUE in component.inputs or not compared:
                 continue
             try:
                 replayed.append(_replayed(record, kind, component, compared))
-            except ConfigurationError as error:  # somebody's bag
+            except ConfigurationError as error:  # a bag may lack what the component reads
                 left_out.append(f"{component.name}: {error}")
     return tuple(replayed), tuple(left_out)
 
@@ -162,7 +162,7 @@ def _others(record: RunRecord) -> tuple[tuple[Difference, ...], tuple[str, ...]]
 def _see_that_it_can_be_played(
     record: RunRecord, kind: Kind, component: Component, compared: Sequence[Column]
 ) -> None:
-    """Raise ConfigurationError if it cannot: somebody's bag may lack what it reads."""
+    """Raise ConfigurationError if a component cannot run: a bag may lack what it reads."""
     columns = _columns(record)
     # What comes late may never have come.
     needed = (*component.inputs, *(each for each in compared if not each.late))
@@ -226,7 +226,7 @@ def _replayed(
     Raises
     ------
     ConfigurationError
-        It cannot be played; says why.
+        It cannot be played; the message says why.
     """
     _see_that_it_can_be_played(record, kind, component, compared)
     values = record.parameters[NODE_OF[kind.name]]
@@ -285,11 +285,11 @@ def _computed(
     node = NODE_OF[kind.name]
     values = dict(record.parameters[node])
     part = Part(component, _installed(node, values))
-    # The state of an instant comes from before it: the motion takes a change over at the next.
+    # The motion at an instant comes from the step before it: a change acts on the next one.
     side: Literal["left", "right"] = "right" if kind in (PLANTS, SENSORS) else "left"
     own = [change for change in record.changes if change.node == node]
     starts = np.searchsorted(stamps, [change.stamp_ns for change in own], side).tolist()
-    # To a node the stamps that leap are time that begins again; the plant makes them.
+    # A node takes a leap of the stamps for time that begins anew; not so the plant, their source.
     leaps = np.flatnonzero((np.diff(stamps) > LARGEST_STEP) & (node != PLANT)) + 1
     events = [*zip(starts, own, strict=True), *((leap, None) for leap in leaps.tolist())]
     pieces, begin, enabled = [], 0, True
@@ -298,7 +298,7 @@ def _computed(
         outputs = play(part, stamps[begin:end], read[:, begin:end], compared)
         return outputs if enabled else np.zeros_like(outputs)
 
-    # What changed at one instant fits together only as a whole.
+    # Changes of one instant are made together, because only together they need be feasible.
     for start, group in groupby(sorted(events, key=itemgetter(0)), itemgetter(0)):
         pieces.append(played(start))
         begin = start
@@ -306,7 +306,7 @@ def _computed(
         values.update(changed)
         part.configure(_installed(node, values))
         enabled = changed.get(ENABLED, enabled)
-        # It begins anew; so does what depends on time alone, which has no past.
+        # The part begins anew there; so does one that depends on time alone, which has no past.
         if ENABLED in changed or start in leaps or (not component.inputs and node != PLANT):
             part.forget()
     pieces.append(played())

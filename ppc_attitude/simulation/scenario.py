@@ -49,7 +49,7 @@ from ppc_attitude.science.sensors.arrivals import check_slots
 from ppc_attitude.science.stamps import NANOSECONDS, first_step, seconds
 
 Overrides = Mapping[str, Mapping[str, Any]]
-# Of a pipe nothing is left to read again, and another one has another inode.
+# A pipe can be read only once, so its content is kept by its inode, which another pipe has not.
 _read_once = cache(lambda path, inode: read(path, "configuration file"))
 
 
@@ -107,12 +107,12 @@ def weakened(plant: Mapping[str, Any], strength: float) -> dict[str, Any]:
 
 
 def see_that_it_has(base: Scenario, kind: Kind, what: str, name: str) -> None:
-    """See that a selected component has the parameter that somebody is to vary.
+    """Check that a selected component has the parameter that is to be varied.
 
     Raises
     ------
     ConfigurationError
-        It has not, so that nothing would come of it; says what that is.
+        It has not, so that varying it would have no effect; the message names the component.
     """
     component = kind.selected(base.parameters[NODE_OF[kind.name]])
     if component is not None and name not in component.defaults:
@@ -127,7 +127,7 @@ def read_files(paths: Iterable[Path | str]) -> dict[str, dict[str, Any]]:
     Raises
     ------
     ConfigurationError
-        A file is missing, is not YAML, or is not a ROS parameter file; names it.
+        A file is missing, is not YAML, or is not a ROS parameter file; the message names it.
     """
     merged: dict[str, dict[str, Any]] = {}
     for path in map(Path, paths):
@@ -142,7 +142,7 @@ def read_files(paths: Iterable[Path | str]) -> dict[str, dict[str, Any]]:
 def _update_every_node(
     merged: dict[str, dict[str, Any]], values: Mapping[str, Any], path: Path
 ) -> None:
-    """Give every node what it knows of a wildcard's values; somebody must know each."""
+    """Give every node those of a wildcard's values that it knows; some node must know each."""
     known = {node: {p.name for p in table} for node, table in PARAMETERS.items()}
     for name, value in values.items():
         owners = [node for node, names in known.items() if name in names]
@@ -205,7 +205,7 @@ def scenario(chosen: Overrides) -> Scenario:
     for node, values in parameters.items():
         try:
             check_components(node, values)
-        except ConfigurationError as error:  # it may be for want of what gives its inputs
+        except ConfigurationError as error:  # the cause may be that nothing gives its inputs
             lacking = map(not_given, _absent(parameters, node))
             more = [told for told in lacking if told not in str(error)]
             raise ConfigurationError("; it reads ".join([str(error), *more[:1]])) from None
@@ -217,12 +217,12 @@ def scenario(chosen: Overrides) -> Scenario:
 
 
 def check_exchange(parameters: Overrides) -> None:
-    """See that no node would wait for ever: in process nobody waits.
+    """Check that no node would wait for ever for an input; in process none waits.
 
     Raises
     ------
     ConfigurationError
-        A component reads what no node sends, or what comes late without saying when.
+        A component reads a column that no node sends, or a late one without saying when it comes.
     """
     sent = {column.name for node in HOSTED for column in columns_of(node, parameters[node])}
     for component in components_of(ESTIMATOR, parameters[ESTIMATOR]):
@@ -254,7 +254,7 @@ def _absent(parameters: Overrides, node: str) -> list[Column]:
 
 
 def _check_agreement(parameters: Overrides) -> None:
-    """See that nodes have one value of what says what they exchange, or what the craft is."""
+    """Check that nodes have one value of each parameter of which all must have the same."""
     told: dict[str, tuple[str, Value]] = {}
     for node in HOSTED:
         values = parameters[node]
@@ -268,7 +268,7 @@ def _check_agreement(parameters: Overrides) -> None:
 
 
 def _check_allocation(parameters: Overrides) -> None:
-    """See that the actuator takes what an allocator is to send it."""
+    """Check that the selected actuator reads what the selected allocator gives."""
     read = {each.name for part in components_of(PLANT, parameters[PLANT]) for each in part.inputs}
     for component in components_of(ALLOCATOR, parameters[ALLOCATOR]):
         for column in component.outputs:
@@ -282,13 +282,13 @@ def _check_allocation(parameters: Overrides) -> None:
 
 
 def agreed(node: str, values: Mapping[str, Value]) -> list[str]:
-    """Parameters of a node and of its components that every node must have one value of."""
+    """Parameters of a node and of its components of which all nodes must have the same value."""
     of_components = (p for each in components_of(node, values) for p in each.parameters)
     return [p.name for p in (*OWN[node], *of_components) if p.agreed]
 
 
 def spread(base: Overrides, changed: Overrides) -> dict[str, dict[str, Any]]:
-    """Give a change of what nodes must have alike to each of them that gets no value of its own."""
+    """Give changes of `agreed` parameters to every node that gets no value of its own for them."""
     alike = {node: agreed(node, base[node]) for node in SOURCES}
     shared: dict[str, Any] = {}
     for node in reversed(SOURCES):  # the plant's come last, and stay
@@ -300,7 +300,7 @@ def spread(base: Overrides, changed: Overrides) -> dict[str, dict[str, Any]]:
 
 
 def check_pulses(injector: Mapping[str, Any], rate: float) -> None:
-    """See that every scheduled pulse acts at some instant of a plant that runs at a rate [Hz].
+    """Check that every scheduled pulse acts at some instant of a plant that runs at a rate [Hz].
 
     Raises
     ------
@@ -318,7 +318,7 @@ def check_pulses(injector: Mapping[str, Any], rate: float) -> None:
 
 
 def check_components(node: str, values: Mapping[str, Value]) -> None:
-    """See that the components that a node's parameters select can run with them; no others.
+    """Check that the components that a node's parameters select can run with them.
 
     Raises
     ------
@@ -334,7 +334,7 @@ def check_components(node: str, values: Mapping[str, Value]) -> None:
         for component in chosen:
             configured(component, values)
             component.advice(np.zeros((), component.state)[()])  # a node asks before the first step
-            component.torques(values)  # a verdict asks, and takes another's limit for none
+            component.torques(values)  # in a verdict an error would mean another limit
             for column in component.inputs:
                 if column in possible:
                     raise ConfigurationError(f"{component.name} reads {not_given(column)}")
@@ -372,7 +372,7 @@ def load(paths: Sequence[Path | str], overrides: Overrides | None = None) -> Sce
 
 
 def idle_parameters(paths: Sequence[Path | str], found: Scenario) -> list[str]:
-    """Parameters to which files give another value than the default, and nothing selected has.
+    """Parameters that files set to other values than the defaults, but that nothing selected has.
 
     Those of laws are left out: one file may have the numbers of several, of which one is selected.
     """
