@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Messages of other types that carry what a topic of the contract carries: bags of others."""
+"""Message types in bags of others that carry the same quantity as a topic of the contract."""
 
 from typing import NamedTuple
 
@@ -93,9 +93,9 @@ def decode_rows(topic: Topic, msgtype: str, rows: NDArray[np.uint8]) -> Rows:
         Zero where the type has no stamp.
     values : ndarray of float64, shape (n, width)
     readable : ndarray of bool, shape (n,)
-        False where a row is not a message of this type, says that it has no such quantity, or, of
-        another type than the topic's own, has an attitude that is none, all zero: our own say so
-        that there is no estimate yet.
+        False where a row is not a message of this type, says that it has no such quantity, or has
+        a zero quaternion in another type than the topic's own. In the topic's own type a zero
+        quaternion says that there is no estimate yet.
     """
     if msgtype == topic.msgtype:
         stamps, values, readable = Codec(topic).decode_rows(rows)

@@ -99,8 +99,8 @@ class Codec:
         self._spread = itemgetter(*(order.get(each, -2) for each in layout))
         self._places = [layout.index(letter) for letter in letters]
         first, end = self._places[0], self._places[-1] + 1
-        alone = self._places == [*range(first, end)]
-        self._pick = itemgetter(slice(first, end)) if alone else itemgetter(*self._places)
+        adjacent = self._places == [*range(first, end)]
+        self._pick = itemgetter(slice(first, end)) if adjacent else itemgetter(*self._places)
         name = topic.frame_id.encode() + b"\0"
         self._name_length = len(name)
         # All between the length of the frame name and the numbers, and the bytes behind them.
@@ -147,7 +147,7 @@ class Codec:
         return Sample(_stamp(data, order), frame_id, values)
 
     def has_force(self, data: bytes) -> bool:
-        """True if a wrench, which can be decoded, has a force."""
+        """True if a message, a wrench that `decode` accepts, has a force that is not zero."""
         order, _, start = self._layout(data)
         return any(struct.unpack_from(f"{order}{self._places[0]}d", data, start))
 
@@ -195,7 +195,7 @@ class Codec:
 
     def other_frames(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """Which messages, a row each as of `decode_rows`, have another frame than the topic."""
-        # With the NUL that ends it: a longer one is another.
+        # With the NUL that ends it, so that a longer name is another one.
         return ~_hold(rows, _AFTER_STAMP + 4, self.topic.frame_id.encode() + b"\0")
 
     def _layout(self, data: bytes) -> tuple[str, int, int]:
@@ -274,7 +274,7 @@ def stamped_layout(data: bytes, msgtype: str, count: int) -> tuple[str, int, int
 
 
 def _hold(rows: NDArray[np.uint8], at: int, what: bytes) -> NDArray[np.bool_]:
-    """Which messages, a row each, hold some bytes at a place, compared by words of them."""
+    """Which messages, a row each, hold the given bytes at a place; compared word by word."""
     size = next(each for each in (8, 4, 2, 1) if each <= len(what))
     if rows.shape[1] < at + len(what):
         return np.zeros(len(rows), np.bool_)

@@ -47,14 +47,14 @@ from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TOLD, TRUTH
 
 _EVENTS = {topic.name.lstrip("/") for topic in (*EVENTS, RECORDED_TOPIC, MARKERS_TOPIC)}
 _OF_ALL = {*_EVENTS, "rosout"}
-"""Topics that no column has. In the root namespace a relative name is as good as an absolute."""
+"""Topics that no column may have: in the root namespace a relative name equals an absolute one."""
 _COMMON = {each: each for each in ("form", "unit", "width", "late")}
 _COMMON |= {"name": "topic", "frame_id": "frame"}
 """Attributes of a `Topic` that all declarations of a column share, and how `Column` calls them."""
 
 
 def _problem(topics: Iterable[Topic], declared: Mapping[str, Topic]) -> str:
-    """Say why a component's topics cannot be beside those of others; empty if they can."""
+    """Say why a component's topics are in conflict with those of others; empty if they are not."""
     columns = {each.name: each.column for each in declared.values()}
     for topic in topics:
         known = declared.get(topic.column, topic)
@@ -101,7 +101,7 @@ def _unbounded(
 def _merged() -> dict[str, Topic]:
     """Topic of every declared column that goes on record, standard ones first.
 
-    A component of somebody else's whose columns cannot be beside those of others is left out.
+    A component of another package whose columns are in conflict with those of others is left out.
     """
     found = {topic.column: topic for topic in STANDARD}
     bounded: dict[str, str] = {}
@@ -147,10 +147,10 @@ BOUNDS = tuple(
 def bounds_of(
     controller: str, parameters: Mapping[str, Mapping[str, Any]]
 ) -> tuple[tuple[str, str], ...]:
-    """Return what bounds what in a run, as the components declare that it has.
+    """Return pairs of a column and the column that bounds it, as a run's components declare them.
 
-    A column that none of the run's components gives is bounded as the first component declares
-    that has it; so is each column where the run's components are not known.
+    For a column that none of the run's components gives, the first component that has it counts;
+    so it does for every column if the run's components are not known.
 
     Parameters
     ----------
@@ -206,8 +206,8 @@ def nodes_of(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
 def columns_of(node: str, values: Mapping[str, Any]) -> tuple[Column, ...]:
     """Columns that a node puts on record at each instant.
 
-    The torque of an environment of ours is only in the sum of all disturbances: it is smooth, so
-    sudden ones can be told from it there.
+    The torque of an environment of ours is recorded only in the sum of all disturbances: it is
+    smooth, so sudden disturbances can be told from it there.
     """
     columns = [column for each in components_of(node, values) for column in each.outputs]
     hidden = []
@@ -225,7 +225,7 @@ def samples_of(node: str, values: Mapping[str, Any]) -> list[Topic]:
 
 
 def promised(parameters: Mapping[str, Mapping[str, Any]]) -> list[Topic]:
-    """Return the topics that every instant of a run has, by what is known of its nodes.
+    """Return the topics that must have a message at every instant, by what is known of the nodes.
 
     Known are the nodes of ours that took part, with their parameters. A node of the user's in the
     place of one of ours promises nothing.
@@ -244,8 +244,8 @@ def gives(node: str) -> tuple[Column, ...]:
 def is_told_the_truth(values: Mapping[str, Any]) -> bool:
     """True if the plant's sensors, by its parameters, give nothing but the truth.
 
-    What sensors of somebody else's say of themselves is no proof, and an estimator may spoil what
-    they give: with them the truth goes on record.
+    What sensors of another package say of themselves is no proof, and an estimator may spoil what
+    they give: with such sensors the truth goes on record.
     """
     sensors = SENSORS.selected(values)
     if sensors is None or not _is_ours(SENSORS, values):

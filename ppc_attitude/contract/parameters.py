@@ -15,7 +15,7 @@
 """The parameters of every node, each declared once: type, default, unit, range, description.
 
 The nodes declare these, the configuration loader checks against them, and the documentation's
-table is tested against them. Those of a component come with it.
+table is tested against them. The parameters of a component are declared by the component.
 """
 
 from collections import UserDict
@@ -152,7 +152,7 @@ def is_of_ros(name: str) -> bool:
 def _parameters_of(node: str) -> tuple[Parameter, ...]:
     """Every parameter of a node: its own, and those of all components that it could run.
 
-    A component of somebody else's that declares one of them differently is left out.
+    A component of another package that declares one of them differently is left out.
     """
     kinds = HOSTED.get(node, ())
     own = {parameter.name: parameter for parameter in OWN[node]}

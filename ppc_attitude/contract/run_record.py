@@ -30,13 +30,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 STEADY = 0.2
-"""A rhythm has gaps only if three in four of its steps are as near as this to its usual one [1]."""
+"""Samples can have gaps only if three in four steps are within this share of the usual step [1]."""
 LONGEST, USUAL = 10, 0.95
-"""Nothing is known after so many steps without a sample; this share of the steps is no longer."""
+"""Usual steps without a sample after which nothing is known; quantile that is the usual step."""
 
 
 def is_steady(steps: NDArray[Any], period: float) -> bool:
-    """Whether steps between samples, shape (n,), are those of a rhythm that may have gaps."""
+    """Whether steps between samples, shape (n,), mostly last a period, so that others are gaps."""
     near = np.abs(steps / period - 1.0) <= STEADY
     return bool(4 * np.count_nonzero(near) >= 3 * near.size)
 
@@ -109,8 +109,8 @@ class RunRecord:
     missing : mapping of str to int
         Topic name to number of instants without a message; only topics that lack some.
     held : frozenset of str
-        Columns that came at stamps of their own: the latest sample at each instant, and NaN before
-        the first one, where nothing is missing; NaN long after the last one of the motion.
+        Columns that came at stamps of their own: they have the latest sample at each instant, and
+        NaN before the first one, where nothing is missing; the motion has NaN long after its last.
     parameters : mapping of str to mapping
         Node name to its parameters, as the run began with them.
     changes : tuple of Change
@@ -142,7 +142,7 @@ class RunRecord:
 
     @cached_property
     def derived(self) -> dict[Any, Any]:
-        """What was computed of it, kept by who computes it, so that nobody does so twice."""
+        """Results computed from the record, by a key, so that none is computed twice."""
         return {}
 
     @property
@@ -160,7 +160,7 @@ class RunRecord:
     ) -> Iterator[tuple[slice, Mapping[str, Mapping[str, Any]]]]:
         """Yield the instants between some of the changes, and the parameters that hold there.
 
-        They are the same dictionaries each time: who keeps them copies them.
+        The same dictionaries are changed and yielded each time: copy them to keep them.
         """
         parameters = {node: dict(values) for node, values in self.parameters.items()}
         begin = 0

@@ -70,7 +70,7 @@ NODES = (PLANT, REFERENCE, CONTROLLER, INJECTOR, RECORDER)
 OPTIONAL = (ESTIMATOR, ALLOCATOR)
 """Nodes that a run has if a component of theirs is selected."""
 OF_A_RUN = (*OPTIONAL, *NODES)
-SOURCES = (PLANT, ESTIMATOR, REFERENCE, CONTROLLER, ALLOCATOR, INJECTOR)  # of what a run consists
+SOURCES = (PLANT, ESTIMATOR, REFERENCE, CONTROLLER, ALLOCATOR, INJECTOR)  # of a run's samples
 
 HOSTED: dict[str, tuple[Kind, ...]] = {
     PLANT: (PLANTS, SENSORS, ACTUATORS),
@@ -110,7 +110,7 @@ class Topic:
     form : str
         How they lie in the message (`science.component.Column`), where the type leaves a choice.
     late : bool
-        True if it comes with some instants only, and has the stamp to which it belongs.
+        True if it comes at some instants only, later than the stamp that it has.
     """
 
     name: str

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Files that are at their place when they are complete, or not at all, and names of new folders."""
+"""Files that appear at their place only when they are complete, and names of new folders."""
 
 import os
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ from typing import BinaryIO
 
 
 def unfinished_of(path: Path, others: int = 0) -> Path:
-    """Place of a file that is still growing, beside so many others."""
+    """Place of a file that is still growing; `others` counts the places that are taken."""
     return path.with_name(f"{path.name}{f'.{others}' if others else ''}.unfinished")
 
 
@@ -31,8 +31,8 @@ def unfinished_of(path: Path, others: int = 0) -> Path:
 def whole_file(path: Path) -> Iterator[BinaryIO]:
     """File to write, beside its place while it grows, in a folder that is made if there is none.
 
-    No step follows or deletes what is somebody else's, as the file of another process that writes
-    the same. What the system refuses names the file: a disk that is full does not.
+    No step follows a link or deletes another's file, such as that of a process that writes the same
+    one. An OSError gets the name of the file, which it lacks if the disk is full.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished, opened = _opened(path)

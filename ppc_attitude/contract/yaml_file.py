@@ -12,10 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""YAML and JSON of somebody else's: the whole of it, or one error that says what is wrong with it.
+"""YAML and JSON of unknown origin: all of the content, or one error that says what is wrong.
 
-It may nest to 64 levels and be 4 Mi characters large, aliases counted as often as they stand and
-every node for 32 characters: the parsers' stack, time and memory have no limits of their own.
+It may nest to 64 levels and have 4 Mi characters, where aliases count unfolded and every node as 32
+characters: the parsers themselves do not limit their stack, time and memory.
 """
 
 import json
@@ -33,7 +33,7 @@ _DEEPEST = 64
 _NODE = 32
 _LONGEST_NUMBER = 250  # digits, of which every integer fits into a float
 _NUMBER = re.compile(r"[-+]?(0x[0-9a-fA-F_]+|0b[01_]+|[0-9_:.]+)")
-_STEERING = re.compile(  # a terminal or a page, or the direction of writing
+_STEERING = re.compile(  # characters that steer a terminal or page, or the direction of writing
     "[\0-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]"
 )
 _JSON = re.compile(r'"(?:[^"\\]|\\.)*"?|[][{}]', re.DOTALL)
@@ -53,7 +53,7 @@ def parsed(text: str, loader: Any = _FAST) -> Any:
         _measure(text)
         return yaml.load(text, loader)
     except _ITS_ERRORS as error:
-        raise ValueError(" ".join(str(error).split())) from None  # the parser tells it in lines
+        raise ValueError(" ".join(str(error).split())) from None  # the parser's text has lines
 
 
 def parsed_json(text: str) -> Any:
@@ -159,7 +159,7 @@ _Loader.add_implicit_resolver(
 
 
 def read(path: Path, kind: str) -> Any:
-    """Content of a file of the user's; `kind` is what it is to the user.
+    """Content of a file of the user's; `kind` is what errors call it.
 
     Raises
     ------
