@@ -156,7 +156,7 @@ def attitude_error(q_s: Quaternion, q_d: Quaternion) -> Quaternion:
 
 @kernel
 def jacobian(q: Vector, q0: float, a: Vector) -> Vector:
-    """F_e a = ½ (q0 I + q^×) a; with a = ω_e it is q_ev'."""
+    """F_e a = ½ (q0 I + q^×) a; with a = ω_e it is q_ev' (eq. 1)."""
     return scale(0.5, add(scale(q0, a), cross(q, a)))
 
 

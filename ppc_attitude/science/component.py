@@ -316,7 +316,7 @@ class Component:
         )
 
     def torques(self, values: Mapping[str, Any]) -> tuple[float, float] | None:
-        """Torque on an axis [N·m] that an actuator gives in any direction, and at most.
+        """Torque on an axis [N·m] that an actuator gives in any direction, and its largest one.
 
         None if the parameter values do not tell.
         """

@@ -57,7 +57,7 @@ class Condition:
     meaning: str
 
     def __post_init__(self) -> None:
-        """Refuse what compares nothing, or cannot be told; NumPy's numbers become plain ones."""
+        """Refuse what compares nothing or cannot be printed; make NumPy's numbers plain ones."""
         texts, numbers = (self.name, self.unit, self.meaning), (self.value, self.limit)
         if (
             self.relation not in _RELATIONS
@@ -82,7 +82,7 @@ def advisable(name: str, value: float, limit: float, unit: str, meaning: str) ->
 
 @dataclass(frozen=True)
 class Task:
-    """The rest of the craft, and what is asked of it: what a component's conditions may look at.
+    """The rest of the craft and its requirements, which a component's conditions may look at.
 
     Attributes
     ----------

@@ -178,7 +178,7 @@ def fault_texts(values: Mapping[str, Any]) -> list[str]:
 
 
 def acting_of(texts: Iterable[str], stamp_ns: int) -> list[str]:
-    """What acts at an instant [ns], without times; a text that is no fault is left out."""
+    """Faults that act at an instant [ns], without their times; other texts are left out."""
     found = {}
     for text in texts:
         try:

@@ -162,7 +162,7 @@ class Kind:
 
     @property
     def default(self) -> str:
-        """Name of what is selected where nobody selects."""
+        """Default of the selecting parameter."""
         return NONE if self.optional else next(iter(self.components))
 
     def parameters(self) -> tuple[Parameter, ...]:

@@ -108,7 +108,7 @@ MAGNETORQUERS = record_type(
 )
 HELD = record_type(
     ("begun", np.int64),  # periods, the present one included
-    ("dipole", np.float64, (3,)),  # [A·m²] asked for, held
+    ("dipole", np.float64, (3,)),  # [A·m²] commanded, held
 )
 _dipole = partial(Column, form=VECTOR, frame=BODY, unit="A·m²")
 DIPOLE = _dipole(

@@ -132,7 +132,7 @@ def multibody_record(values: Mapping[str, Any], wheels: Any) -> Any:
 
 
 def _see_that_steps_follow(craft: Any) -> None:
-    """Refuse friction that takes more than all speed of the wheels within a step.
+    """Refuse friction that would reverse the wheels within a step.
 
     Friction also turns the craft after its wheels. If these hold much of the craft's inertia, their
     relative speed falls the faster.
@@ -295,14 +295,14 @@ def move(stamp_ns: int, torque: Vector, state: Any, craft: Any) -> None:
 
 @kernel
 def tell(state: Any, outputs: Any) -> None:
-    """Give the true attitude and rate."""
+    """Write the true attitude, x y z w, and rate [rad/s] to the outputs."""
     store_quaternion(outputs.truth_attitude, quaternion(state.motion))
     store(outputs.truth_angular_velocity, vector(state.motion[_RATE:]))
 
 
 @kernel
 def move_with_wheels(inputs: Any, torque: Vector, state: Any, craft: Any, outputs: Any) -> None:
-    """Do as `move` with the motor torques of the wheels, and tell the motion with their speeds."""
+    """Carry the motion as `move` does, with motor torques; write it and the wheels' speeds."""
     copy(state.motor, inputs.wheel_torque)
     move(inputs.stamp_ns, torque, state, craft)
     tell(state, outputs)

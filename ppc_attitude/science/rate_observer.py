@@ -248,7 +248,7 @@ def with_front(law: Component) -> Component:
 
     def advices(state: Any) -> int:
         told = law.advices(state["law"])
-        # After a gap the law counts from zero again, and what it tells is new all the same.
+        # After a gap the law counts its advices from zero again, but they are new nevertheless.
         return told and (int(state["observer"]["gaps"]) << 32) + told
 
     own, names = (*PARAMETERS, INERTIA, MAX_TORQUE), {column.name for column in law.inputs}

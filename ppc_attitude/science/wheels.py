@@ -123,7 +123,7 @@ def parts_of(values: Mapping[str, Any]) -> dict[str, tuple[Failure, ...]]:
 
 
 def torques(values: Mapping[str, Any]) -> tuple[float, float]:
-    """Torque on an axis [N·m] that the wheels give in any direction, and at most."""
+    """Torque on an axis [N·m] that the wheels give in any direction, and their largest one."""
     axes = axes_of(values)
     limits = np.broadcast_to(values[MAX_TORQUE.name], len(axes))  # one is for all
     return certain_torque(axes, limits), largest_torque(axes, limits)
