@@ -86,7 +86,7 @@ _TUMBLING_ENDS = 0.95  # share of omega0 below which the tumbling mode ends
 
 @kernel
 def room(feedforward: Vector, direction: Vector, limit: Vector) -> float:
-    """Largest m ≥ 0 with |F + m c| ≤ B on all axes; infinite if c is zero."""
+    """Largest m ≥ 0 with |F + m c| ≤ B [N·m] on all axes; infinite if c is zero."""
     most = math.inf
     for i in range(3):
         if direction[i] > 0.0:
@@ -100,7 +100,7 @@ def room(feedforward: Vector, direction: Vector, limit: Vector) -> float:
 def _advance(memory: Any, gains: Any, h: float) -> None:
     """Carry ramps and envelope Φ over the h [s] since the last sample."""
     reach = max(memory.envelope - h * memory.cap, 0.0)
-    whole = max(h, gains.h)  # a shorter sample is told V and a no better than a whole one
+    whole = max(h, gains.h)  # in a shorter sample the errors of V and a are not smaller
     floor = max(memory.cap - whole * gains.V_rate, 0.0)
     a = max(memory.a - whole * gains.a_rate, 0.0)
     fall = memory.r * capped_brake(reach, gains.k, a, floor)[0]

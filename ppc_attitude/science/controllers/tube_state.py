@@ -150,7 +150,7 @@ def advice(memory: Any) -> Advice:
 
 @kernel
 def is_hit(y: Vector, unexplained: Vector, memory: Any, gains: Any, h: float) -> bool:
-    """Tell whether y is outside its tube by a torque that nobody declared, or far outside."""
+    """Tell whether y is outside its tube by an undeclared torque, or far outside by any."""
     for i in range(3):
         tube = gains.Y[i] + gains.N[i] + 2.0 * h * memory.noise
         threshold = HIT * gains.max_torque + 2.0 * (gains.N[i] / h + memory.noise)
