@@ -124,7 +124,7 @@ def advice(state: Any) -> Advice:
 
 
 def torques(values: Mapping[str, Any]) -> tuple[float, float]:
-    """Torque on an axis [N·m] that the thrusters give in any direction, and at most."""
+    """Torque on an axis [N·m] that the thrusters give in any direction, and their largest one."""
     craft = thruster_record(values)
     return thrusters.certain_torque(craft), thrusters.largest_torque(craft)
 

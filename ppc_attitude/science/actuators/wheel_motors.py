@@ -97,7 +97,7 @@ def _watch(speeds: Any, configuration: Any, state: Any) -> None:
 
 @kernel
 def act(inputs: Any, asked: Any, state: Any, configuration: Any, outputs: Any) -> None:
-    """Let the motors give what is asked of them; tell what then acts on the body.
+    """Let the motors give what is asked of them; write the torque that acts on the body.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 
 
 def advice(state: Any) -> Advice:
-    """Warn of a wheel that is as fast as it may be."""
+    """Warn of a wheel that has reached its largest speed."""
     told = ""
     if full := int(state["full"]):
         told = (

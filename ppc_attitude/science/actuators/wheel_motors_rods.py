@@ -89,7 +89,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 
 
 def torques(values: Mapping[str, Any]) -> tuple[float, float]:
-    """Torque on an axis [N·m]: certain in any direction, rods against it, and at most."""
+    """Torque on an axis [N·m] that is given in any direction, rods against it; and the largest."""
     certain, most = wheels.torques(values)
     of_rods = torque_of_rods(values)
     return certain - of_rods, most + of_rods

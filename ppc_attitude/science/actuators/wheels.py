@@ -38,14 +38,14 @@ STATE = record_type(("drive", wheel_drive.STATE), ("motors", wheel_motors.STATE)
 
 @kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
-    """Share the commanded torque among the wheels; tell what then acts on the body."""
+    """Share the commanded torque among the wheels; write the torque that acts on the body."""
     asked, rate = outputs.wheel_torque, vector(inputs.truth_angular_velocity)
     wheel_drive.share(inputs, rate, state.drive, configuration.drive, asked)
     wheel_motors.act(inputs, asked, state.motors, configuration.motors, outputs)
 
 
 def advice(state: Any) -> Advice:
-    """Warn of wheels that are lost, and of one that is as fast as it may be."""
+    """Warn of wheels that are lost, and of one that has reached its largest speed."""
     drive, motors = wheel_drive.advice(state["drive"]), wheel_motors.advice(state["motors"])
     return Advice(
         "; ".join(filter(None, (drive.text, motors.text))),
