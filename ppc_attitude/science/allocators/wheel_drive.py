@@ -202,13 +202,13 @@ def _spread_momentum(speeds: Any, configuration: Any, state: Any) -> None:
     """Lead the wheels' momenta to h* by torques that cancel, within what is left of the limits."""
     craft = configuration.wheels
     share = 1.0
-    for turn in range(2):  # the first finds the share that there is room for, the second adds it
+    for sweep in range(2):  # the first finds the share that there is room for, the second adds it
         for i in range(craft.count):
             wish = 0.0
             for j in range(craft.count):
                 excess = craft.inertia[j] * speeds[j] - configuration.null_momentum[j]
                 wish -= configuration.null_gain * state.null[i, j] * excess
-            if turn == 1:
+            if sweep == 1:
                 state.net[i] += share * wish
             elif wish > 0.0:
                 share = min(share, (state.high[i] - state.net[i]) / wish)

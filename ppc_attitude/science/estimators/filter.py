@@ -171,7 +171,7 @@ def updated(known: Knowledge, z: Vector, fix_covariance: Symmetric) -> Knowledge
     )
     noise = times_transposed(k1, r)
     left = times_transposed(rest, p)
-    # (I − K1)(P_θb − P_θθ K2ᵀ) + K1 R K2ᵀ, and its like for P_bb.
+    # (I − K1)(P_θb − P_θθ K2ᵀ) + K1 R K2ᵀ, and the corresponding terms for P_bb.
     corrected = sum_of(cross, scaled(-1.0, times_transposed(p, k2)))
     new_cross = sum_of(times_transposed(rest, transposed(corrected)), times_transposed(noise, k2))
     # P_bb + (K2 (P_θθ + R) − P_bθ) K2ᵀ − K2 P_θb

@@ -78,7 +78,7 @@ FILTER = record_type(
 )
 _STEP = record_type(
     ("rate", np.float64, (3,)),  # [rad/s] sample of the gyro
-    ("interval", np.float64),  # [s] of the sample; 0 of the first one: nobody knows it
+    ("interval", np.float64),  # [s] of the sample; 0 for the first one, where it is unknown
     # What was known at its end, as `Knowledge` has it.
     ("attitude", np.float64, (4,)),
     ("bias", np.float64, (3,)),
@@ -128,7 +128,7 @@ def newest(memory: Any) -> int:
 
 @kernel
 def last_interval(memory: Any) -> float:
-    """Interval [s] of the last step's gyro sample; 0 of the first one, of which nobody knows it."""
+    """Interval [s] of the last step's gyro sample; 0 for the first one, where it is unknown."""
     return float(memory.steps[newest(memory)].interval)
 
 
@@ -203,9 +203,9 @@ def take_fix(memory: Any, settings: Any, valid_ns: int, fix: Quaternion) -> tupl
     innovation : Vector
         S^(−½) z; its square is NIS.
     told : bool
-        True if there is an innovation: not for the fix that a filter begins from, also anew, nor
-        for one of no remembered step, nor for one that comes after a newer one was accepted: only
-        in their order are late fixes exact.
+        True if there is an innovation. There is none for a fix from which the filter begins, also
+        anew, for one of no remembered step, or for one that comes after a newer one was accepted,
+        because late fixes are exact only in their order.
     """
     memory.fixes += 1
     ago = _steps_since(memory, valid_ns)

@@ -231,7 +231,7 @@ def advice(memory: Any) -> Advice:
 
 @kernel
 def _lose(stamp_ns: int, state: Any, settings: Any, outputs: Any) -> None:
-    """Give no estimate where there is no rate to carry one on; then begin anew."""
+    """Give no estimate, because there is no rate to propagate one; begin anew with the next."""
     state.count = 0
     state.knows = 0.0
     _judge(state, settings, stamp_ns, NOTHING)
@@ -265,16 +265,16 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     known = recalled(state, newest(state))
     _judge(state, configuration, inputs.stamp_ns, known)
     q, b, theta, _, bias = known
-    estimate = subtract(rate, b)
+    omega = subtract(rate, b)
     store_quaternion(outputs.attitude, q)
-    store(outputs.angular_velocity, estimate)
+    store(outputs.angular_velocity, omega)
     store(outputs.gyro_bias, b)
     sigma = diagonal(bias)
     store(outputs.gyro_bias_sigma, (math.sqrt(sigma[0]), math.sqrt(sigma[1]), math.sqrt(sigma[2])))
     # x y z w, P_θθ, rate, its covariance P_bb + variance of a sample.
     message = outputs.estimate
     store_quaternion(message, q)
-    store(message[10:], estimate)
+    store(message[10:], omega)
     variance, h = inputs.gyro[3], last_interval(state)
     if h > 0.0:  # from the filter's own parameters, once the interval is known
         white, rounding, walk = configuration.white, configuration.rounding, configuration.walk

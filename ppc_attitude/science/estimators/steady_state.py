@@ -138,7 +138,7 @@ def _gyro_noise(estimator: Mapping[str, Any], rate: float) -> tuple[float, float
 
 
 FLOOR = 6.0
-"""Envelopes are at least so many σ wide.
+"""Least width of an envelope, in σ of its error.
 
 Rice: a stationary error leaves ±ρ on three axes 6 ν0 T exp(−ρ²/2σ²) times in a time T, so for p
 excursions c = √(2 ln(6 ν0 T/p)) σ are needed. One in a hundred hours makes 5.8 behind the observer
