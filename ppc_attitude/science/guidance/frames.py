@@ -171,7 +171,7 @@ def frame_at(t: float, frame: int, spinning: Any, sky: Any, cursor: Any) -> tupl
 
 @kernel
 def elevation_sine(t: float, sky: Any, cursor: Any) -> float:
-    """Sine of the craft's elevation above the ground point's horizon; negative: not in sight."""
+    """Sine of the craft's elevation over the ground point's horizon at t [s]; < 0: not in sight."""
     r, _ = orbit_at(t, sky.orbit, cursor)
     point = target_at(t, sky)[0]
     sight = subtract(r, point)

@@ -74,7 +74,7 @@ LOOK = record_type(("now", CURSOR), ("ahead", CURSOR))
 
 @kernel
 def polynomial(coefficients: Any, t: float) -> tuple[Vector, Vector, Vector]:
-    """φ = c1 t + … + c5 t⁵ with φ' and φ''."""
+    """φ = c1 t + … + c5 t⁵ [rad] at t [s], with φ' [rad/s] and φ'' [rad/s²]."""
     phi, first, second = ZERO, ZERO, ZERO
     for i in range(4, -1, -1):
         second = add(scale(t, second), scale(2.0, first))

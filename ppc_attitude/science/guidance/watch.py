@@ -26,7 +26,7 @@ from ppc_attitude.science.keep_out import CONES, MOST_CONES, cones_around
 from ppc_attitude.science.kernel import kernel, vector
 from ppc_attitude.science.parameter import record_type
 
-HORIZON = 60.0  # [s] a cone is warned of so long before it is entered
+HORIZON = 60.0  # [s] ahead: a cone that is entered within this time is warned of
 _PERIOD = 1.0  # [s]
 _BELOW, _SKEWED = 1 << MOST_CONES, 2 << MOST_CONES  # bits beyond those of the cones
 WATCH = record_type(

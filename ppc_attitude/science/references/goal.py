@@ -310,9 +310,9 @@ def facts(t: float, guidance: Any, state: Any) -> dict[str, Any]:
 
 
 def motion_bounds(values: Mapping[str, Any], duration: float) -> tuple[float, float, float]:
-    """Bounds of ‖ω_d‖, ‖ω_d'‖ and ‖ω_d''‖ with goals in the frames of the schedule.
+    """Bounds of ‖ω_d‖ [rad/s], ‖ω_d'‖ [rad/s²] and ‖ω_d''‖ [rad/s³] with the scheduled frames.
 
-    They hold whatever is ordered in these frames, and when. A timed profile keeps V and A, and no
+    They hold whatever is ordered in these frames, and when. A timed profile keeps V and A, but no
     limit of the jerk.
     """
     guidance, names = configure(values)[0], values[GOAL_FRAMES.name]

@@ -175,7 +175,7 @@ def motion_bounds(values: Mapping[str, Any], duration: float) -> tuple[float, fl
 
 @kernel
 def _largest_on_grid(count: int, grid: float, reference: Any) -> tuple[float, float]:
-    """Largest ‖ω_d‖ [rad/s] and ‖ω_d'‖ [rad/s²] at so many points of the grid."""
+    """Largest ‖ω_d‖ [rad/s] and ‖ω_d'‖ [rad/s²] at `count` points of the grid."""
     rate, acceleration = 0.0, 0.0
     for i in range(count):
         rate = max(rate, norm(desired_rate(i * grid, reference)))
