@@ -188,7 +188,7 @@ def air_density(radius: float, craft: Any) -> float:
 
 @kernel
 def step(inputs: Any, state: Any, craft: Any, outputs: Any) -> None:
-    """Sum up the torques at an instant, and tell where the craft and the Sun are."""
+    """Sum up the torques at an instant; write them, and where the craft and the Sun are."""
     attitude = inputs.truth_attitude
     q, q0 = vector(attitude), attitude[3]
     r, v = orbit_at(inputs.t, craft.field.orbit, state)

@@ -107,7 +107,7 @@ def sum_of(values: Iterable[Number]) -> Number:
 
 
 def _root(x: Number, halvings: int, arithmetic: Arithmetic) -> Number:
-    """Take the square root so many times."""
+    """Take the square root `halvings` times."""
     for _ in range(halvings):
         x = arithmetic.sqrt(x)
     return x

@@ -227,9 +227,9 @@ def nearest(
     Returns
     -------
     list of dict of str to float
-        Each one suffices with all other numbers, also given gains, unchanged, within a factor of
-        1000: a single number, W with W1 and W2, or e_A with e_W; where none does, the disturbance
-        and all errors by a common factor.
+        Each one suffices alone, within a factor of 1000, with all other numbers and given gains
+        unchanged: a single number, W with W1 and W2, or e_A with e_W. If none does, the disturbance
+        and all errors are changed by a common factor.
     """
     found: list[dict[str, float]] = []
     for names in (*_MORE_HELPS, *_LESS_HELPS, _TOGETHER):

@@ -38,7 +38,7 @@ class Envelope:
         self._assumed, self._law, self._bounds = assumed, law, bounds
         self._arithmetic = bounds.arithmetic
         self._k, self._a, self._z = number(law.k), bounds.a, number(law.z_bar)
-        # A slow craft gets no more steps than a quick one; the last exponential has to be told.
+        # A slow craft gets no more steps than a quick one, but steps resolve the last exponential.
         turn = math.pi / (law.Omega_e - assumed.W) + 2.0 * math.sqrt(math.pi / law.a_most)  # about
         self._step = number(max(_STEP, law.h, min(_SHARE * turn, 0.2 / law.k)))
         self._h = number(law.h)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The inequalities C1 to C13 under which the theorem of docs/guarantee.md holds."""
+"""The inequalities C0 to C13 under which the theorem of docs/guarantee.md holds."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -35,7 +35,7 @@ class Inequality:
     Attributes
     ----------
     name : str
-        C1 to C13, with the axis where there is one for each.
+        C0 to C13, with the axis where there is one for each axis.
     left, right : tuple of 2 float
         Both sides, from below and from above.
     unit : str
@@ -63,7 +63,7 @@ class Inequality:
 
 
 def inequalities(bounds: Bounds) -> tuple[Inequality, ...]:
-    """Evaluate all of them, those that hold and those that do not."""
+    """Evaluate all inequalities, whether they hold or not."""
     return (*_tube(bounds), *_rates(bounds), *_phases(bounds))
 
 

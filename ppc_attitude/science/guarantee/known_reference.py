@@ -39,7 +39,7 @@ _STEP = 0.02  # [s], or longer for a slow craft
 _PADDING = 1e-9  # relative, of every step: plain floats, rounded
 # Cells along an edge of the cube whose faces cover the sphere: those that settle late are divided.
 _FACES = (14, 28, 56)
-_LATE = 1.0  # [s] before the last: what is divided
+_LATE = 1.0  # [s] cells that settle this short before the last one are divided
 _STEPS = 20_000  # before which every cell has settled
 _ARRAYS = FLOATS._replace(sin=np.sin)
 
