@@ -145,9 +145,9 @@ class Diagram:
     parameters : mapping of str to mapping
         Complete parameters of every node.
     ahead : bool, optional
-        True for a diagram of those components alone that depend on time alone.
+        True for a diagram of only the components that depend on time alone.
     timetable : ndarray, optional
-        What such a diagram gave: then these components do not run again.
+        Samples of such a diagram: then these components do not run again.
 
     Raises
     ------
@@ -300,7 +300,7 @@ def play(
     Parameters
     ----------
     part : Part
-        What to run; it goes on from what it remembers.
+        Part to run, from its present state on.
     stamps_ns : ndarray of int64, shape (n,)
         Instants [ns].
     inputs : ndarray, shape (m, n)

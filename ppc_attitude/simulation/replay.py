@@ -255,11 +255,11 @@ def _replayed(
             unknown &= np.isfinite(recorded) & bool(complete.all())
         difference[unknown] = np.inf
         difference = difference.max(axis=1)
-        latest = int(np.argmax(difference))
-        if difference[latest] > largest:
-            name, largest, k = given, float(difference[latest]), latest
+        worst = int(np.argmax(difference))
+        if difference[worst] > largest:
+            name, largest, k = given, float(difference[worst]), worst
     if largest and (lacking := sorted(component.defaults.keys() - values.keys())):
-        raise ConfigurationError(  # as of another version of it
+        raise ConfigurationError(  # as with a record of another version of it
             f"it gives {name} that differs by up to {largest:.3g}, with defaults of "
             f"{', '.join(lacking)}, of which no value that it may have is on record"
         )
