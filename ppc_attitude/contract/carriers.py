@@ -81,11 +81,11 @@ def decode_rows(topic: Topic, msgtype: str, rows: NDArray[np.uint8]) -> Rows:
     Parameters
     ----------
     topic : Topic
-        What is to be read.
+        Topic whose quantity is to be read.
     msgtype : str
         ROS type of the messages.
     rows : ndarray of uint8, shape (n, length)
-        The bytes of one message a row, in either byte order.
+        The bytes of one message in each row, in either byte order.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def decode_rows(topic: Topic, msgtype: str, rows: NDArray[np.uint8]) -> Rows:
 
 
 def _decode_others(topic: Topic, msgtype: str, rows: NDArray[np.uint8]) -> Rows:
-    """Decode messages of another type than the topic's own, by byte order and length of name."""
+    """Decode messages of another type, grouped by byte order and length of the frame name."""
     layout, stamped = _OTHERS[topic.form][msgtype], is_stamped(msgtype)
     stamps = np.zeros(len(rows), np.int64)
     values = np.full((len(rows), topic.width), np.nan)

@@ -159,7 +159,7 @@ class Codec:
         Parameters
         ----------
         rows : ndarray of uint8, shape (n, length)
-            The bytes of one message a row, of at least one.
+            The bytes of one message in each row; at least one row.
 
         Returns
         -------
@@ -258,7 +258,7 @@ def stamped_layout(data: bytes, msgtype: str, count: int) -> tuple[str, int, int
     Raises
     ------
     CdrError
-        The bytes are no header with so many float64 behind it.
+        The bytes are no header with `count` float64 behind it.
     """
     order = byte_order(data)
     if len(data) < _AFTER_STAMP + 4:

@@ -115,11 +115,11 @@ def _merged() -> dict[str, Topic]:
             for topic in given:
                 found.setdefault(topic.column, topic)
             bounded.update({each.bound: each.name for each in component.outputs if each.bound})
-    for kind, component in components:  # a plant may read what the law gives
+    for kind, component in components:  # a second pass, as a plant may read what the law gives
         read = [topic_of(column, "") for column in component.inputs if column.name in found]
         if problem := _problem(read, found):
             kind.leave_out(component.name, problem)
-            return _merged()  # without what it gives
+            return _merged()  # once more, without its outputs
     return found
 
 
@@ -182,12 +182,12 @@ def components_of(node: str, values: Mapping[str, Any]) -> tuple[Component, ...]
 
 
 def has_parameter(node: str, values: Mapping[str, Any], name: str) -> bool:
-    """True if a component that a node runs has a parameter; else its value is of no meaning."""
+    """True if a component that a node runs has a parameter; else its value has no meaning."""
     return any(name in component.defaults for component in components_of(node, values))
 
 
 def not_installed(parameters: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Selections in nodes' parameters of components that nobody has installed."""
+    """Selections in nodes' parameters of components that are not installed."""
     return [
         f"{kind.selector} = {name}"
         for node, kinds in HOSTED.items()

@@ -204,9 +204,9 @@ CHANGES_TOPIC = Topic(
     "parameters/changed", DIAGNOSTICS, meaning="parameters that changed, from the stamp on"
 )
 ENABLED = "enabled"
-"""A name on `CHANGES_TOPIC` that is no parameter. The controller tells it when its torque is
-switched. The recorder tells it of a node that was started again during a run: a replay lets that
-node begin anew there."""
+"""A name on `CHANGES_TOPIC` that is no parameter. The controller publishes it when its torque is
+switched. The recorder publishes it for a node that was started again during a run: a replay lets
+that node begin anew there."""
 RECORDED_TOPIC = Topic(
     "recorded_until",
     CLOCK,

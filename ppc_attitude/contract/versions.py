@@ -34,7 +34,7 @@ def versions_of_others() -> dict[str, str]:
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of this package, Python, what it builds on, and packages that add components.
+    """Versions of this package, Python, the packages below it, and those that add components.
 
     The git revision too, if there is one.
     """
