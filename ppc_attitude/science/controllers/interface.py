@@ -52,7 +52,7 @@ OUTPUTS = (TORQUE_COMMAND, ATTITUDE_ERROR, RATE_ERROR, UNSATURATED_TORQUE)
 
 @inlined
 def error_state(measurement: Any, inertia: Any) -> tuple[Quaternion, Vector, Vector]:
-    """q_e, ω_e [rad/s] and M0 [N·m], the error system of eq. 1.
+    """q_e = q_d⁻¹ ⊗ q_s (x y z w), ω_e [rad/s] and M0 [N·m] of eq. 1; the inertia J is in kg·m².
 
     ω_e = ω_s − C_e ω_d and M0 = J (ω_e × C_e ω_d) − J C_e ω_d' − ω_s × J ω_s, in body axes.
     """

@@ -150,7 +150,10 @@ def _second_derivative(t: float, shape: Any) -> float:
 
 @kernel
 def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
-    """Compute one sample of the law: reads `measurement`, updates `memory`, fills `command`."""
+    """Compute one sample of the law: reads `measurement`, updates `memory`, fills `command`.
+
+    u = −M0 + J α' − K2 z − k_b F_eᵀ χ − D_m tanh(z/μ) [N·m] with z = ω_e − α; the torque is sat(u).
+    """
     q_e, omega_e, m_0 = error_state(measurement, matrix(gains.inertia))
     q, q0 = vector(q_e), math.copysign(max(abs(q_e[3]), _SMALLEST_SCALAR), q_e[3])
     if memory.started == 0.0:

@@ -290,6 +290,7 @@ def _track(
     braking = add(scale(f_rate, n), scale(steepness, turn))
     feedforward = add(m_0, scale(memory.r, apply(inertia, braking)))
     feedforward = _allocated(memory, gains, feedforward, inertia, n, (f, f_cap, limit), y)
+    # u = −F − κ ŷ − d̂ [N·m], see docs/guarantee.md.
     u = scale(
         -1.0, add(feedforward, add(scale(gains.kappa, vector(memory.y_hat)), vector(memory.d_hat)))
     )

@@ -337,6 +337,7 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     gamma = divide(rho_omega_rate, rho_omega)
     theta = vector(memory.theta)
 
+    # Eq. 22 with J taken out: v' − K_ω z2 + γ z2 − K_u ξ⁻¹ θ − cross term.
     acceleration = subtract(v_rate, scale(gains.K_omega, z2))
     acceleration = add(acceleration, multiply(gamma, z2))
     acceleration = subtract(acceleration, scale(gains.K_u, multiply(rho_omega, theta)))

@@ -111,7 +111,10 @@ def limited(a: Vector, limit: float) -> Vector:
 
 @kernel
 def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
-    """Compute one sample of the law: reads `measurement`, updates `memory`, fills `command`."""
+    """Compute one sample of the law: reads `measurement`, updates `memory`, fills `command`.
+
+    u = −J (2k e + c ω_e) − M0 [N·m], where e = s q_ev + ∫ s q_ev dt/T is limited, s = sgn(q_e0).
+    """
     inertia = matrix(gains.inertia)
     q_e, omega_e, m_0 = error_state(measurement, inertia)
     error = scale(sign(q_e[3]), vector(q_e))
