@@ -48,11 +48,12 @@ from ppc_attitude.science.guidance.goals import (
     ACCEPTED,
     CROSSES,
     INSIDE_CONE,
-    hold,
-    pursue,
+    adopt_plan,
+    plan_stop,
+    plan_to,
 )
 from ppc_attitude.science.guidance.rotation import about, turn_between
-from ppc_attitude.science.guidance.trajectory import follow, points
+from ppc_attitude.science.guidance.trajectory import append_profile, points
 from ppc_attitude.science.keep_out import angle_between
 from ppc_attitude.science.orbit import orbit_at
 
@@ -60,6 +61,26 @@ OTHER = (0.5241424183609591, 0.5241424183609591, -0.5241424183609591, 0.41931393
 SWITCHES = [(0.0, INERTIAL, DESIRED), (12.0, NADIR, STRAIGHT), (60.0, INERTIAL, OTHER)]
 V, A = 2.0 * DEGREE, 0.4 * DEGREE
 STEP = 1e-4  # [s] of difference quotients
+
+
+def pursue(t: float, frame: int, attitude: Any, configuration: Any, state: Any) -> int:
+    outcome = plan_to(t, frame, attitude, configuration, state)
+    adopt_plan(t, outcome, state)
+    return outcome
+
+
+def hold(t: float, configuration: Any, state: Any) -> int:
+    outcome = plan_stop(t, configuration, state)
+    adopt_plan(t, outcome, state)
+    return outcome
+
+
+def follow(t: float, profile: Any, configuration: Any, state: Any) -> int:
+    first = quaternion(profile["attitude"][0])
+    assert plan_to(t, INERTIAL, first, configuration, state) == ACCEPTED
+    outcome = append_profile(t, profile, configuration, state)
+    adopt_plan(t, outcome, state)
+    return outcome
 
 
 def active(state: Any) -> Any:

@@ -292,7 +292,7 @@ def plan_to(t: float, frame: int, attitude: Quaternion, guidance: Any, state: An
 
 
 @kernel
-def adopt_plan(t: float, outcome: int, state: Any) -> int:
+def adopt_plan(t: float, outcome: int, state: Any) -> None:
     """Follow the new plan from t [s] on if it was found, and remember the outcome."""
     state.outcome = outcome
     if outcome == ACCEPTED:
@@ -300,18 +300,11 @@ def adopt_plan(t: float, outcome: int, state: Any) -> int:
         begin_watch(t, state.inside, state.watch)
     else:
         state.refused += 1
-    return outcome
 
 
 @kernel
-def pursue(t: float, frame: int, attitude: Quaternion, guidance: Any, state: Any) -> int:
-    """Take a goal at t [s] and follow it, or go on as before; see `plan_to`."""
-    return adopt_plan(t, plan_to(t, frame, attitude, guidance, state), state)
-
-
-@kernel
-def hold(t: float, guidance: Any, state: Any) -> int:
-    """Brake in inertial space at t [s] and stay there."""
+def plan_stop(t: float, guidance: Any, state: Any) -> int:
+    """Fill the plan that is not followed with a brake to a stand in inertial space at t [s]."""
     motion = motion_now(t, guidance, state)
     trial = state.plans[1 - state.active]
     start_plan(trial, INERTIAL, motion[0], t)
@@ -319,4 +312,4 @@ def hold(t: float, guidance: Any, state: Any) -> int:
     state.inside = 0
     found, stand = _brake_to_stand(t, trial, motion, guidance, state)
     store_quaternion(trial.attitude, stand)
-    return adopt_plan(t, ACCEPTED if found else no_slew(guidance, state), state)
+    return ACCEPTED if found else no_slew(guidance, state)

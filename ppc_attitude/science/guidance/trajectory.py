@@ -24,14 +24,11 @@ from ppc_attitude.science.attitude import unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.frames import INERTIAL
 from ppc_attitude.science.guidance.goals import (
-    ACCEPTED,
     TOO_FAR,
     TOO_FAST,
     TOO_LATE,
-    adopt_plan,
     kept_clear,
     no_slew,
-    plan_to,
     refused,
 )
 from ppc_attitude.science.guidance.plan import MOST_LEGS, append_polynomial, leg_motion
@@ -169,34 +166,8 @@ def _segment(trial: Any, i: int, points: Any, limits: Any) -> float:
 
 
 @kernel
-def _plan_through(t: float, points: Any, guidance: Any, state: Any) -> int:
-    start = quaternion(points.attitude[0])
-    outcome = plan_to(t, INERTIAL, start, guidance, state)
-    if outcome != ACCEPTED:
-        return outcome
-    trial = state.plans[1 - state.active]
-    if trial.end > points.time[0]:
-        return refused(TOO_LATE, trial.end, points.time[0], state)
-    last = points.time[points.count - 1]
-    if guidance.cones.count and last > t + DAY:  # the search for cones steps along all of it
-        return refused(TOO_FAR, last, t + DAY, state)
-    if trial.count + points.count > MOST_LEGS:
-        return no_slew(guidance, state)
-    approached = trial.end  # the cones are checked until here
-    if approached < points.time[0]:
-        wait = points.time[0] - approached
-        append_polynomial(trial, INERTIAL, approached, wait, start, np.zeros((5, 3)))
-    for i in range(points.count - 1):
-        share = _segment(trial, i, points, guidance.limits)
-        if share > ROUNDING:
-            return refused(TOO_FAST, share, points.time[i], state)
-    store_quaternion(trial.attitude, quaternion(points.attitude[points.count - 1]))
-    return kept_clear(trial, t, approached, EVERY_CONE, guidance, state)
-
-
-@kernel
-def follow(t: float, points: Any, guidance: Any, state: Any) -> int:
-    """Take a timed profile at t [s]: slew to its first point, then through all of them.
+def append_profile(t: float, points: Any, guidance: Any, state: Any) -> int:
+    """Add the way through all points of a timed profile to the plan that leads to the first one.
 
     Parameters
     ----------
@@ -210,8 +181,25 @@ def follow(t: float, points: Any, guidance: Any, state: Any) -> int:
     Returns
     -------
     outcome
-        As of `pursue`; also `TOO_LATE` if the first point comes before the slew to it has ended,
+        As of `plan_to`; also `TOO_LATE` if the first point comes before the slew to it has ended,
         `TOO_FAR` if the last one comes more than a day ahead while there are cones, and `TOO_FAST`
         if a segment breaks V or A.
     """
-    return adopt_plan(t, _plan_through(t, points, guidance, state), state)
+    trial = state.plans[1 - state.active]
+    if trial.end > points.time[0]:
+        return refused(TOO_LATE, trial.end, points.time[0], state)
+    last = points.time[points.count - 1]
+    if guidance.cones.count and last > t + DAY:  # the search for cones steps along all of it
+        return refused(TOO_FAR, last, t + DAY, state)
+    if trial.count + points.count > MOST_LEGS:
+        return no_slew(guidance, state)
+    approached = trial.end  # the cones are checked until here
+    if approached < points.time[0]:
+        start, wait = quaternion(points.attitude[0]), points.time[0] - approached
+        append_polynomial(trial, INERTIAL, approached, wait, start, np.zeros((5, 3)))
+    for i in range(points.count - 1):
+        share = _segment(trial, i, points, guidance.limits)
+        if share > ROUNDING:
+            return refused(TOO_FAST, share, points.time[i], state)
+    store_quaternion(trial.attitude, quaternion(points.attitude[points.count - 1]))
+    return kept_clear(trial, t, approached, EVERY_CONE, guidance, state)

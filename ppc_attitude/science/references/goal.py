@@ -30,7 +30,7 @@ from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.conditions import Condition, Task, advisable
 from ppc_attitude.science.guidance.cones import CONE_PARAMETERS, cones_of, unit_vector
-from ppc_attitude.science.guidance.frames import FRAME_NAMES
+from ppc_attitude.science.guidance.frames import FRAME_NAMES, INERTIAL
 from ppc_attitude.science.guidance.goals import (
     ACCEPTED,
     CROSSES,
@@ -44,10 +44,11 @@ from ppc_attitude.science.guidance.goals import (
     TOO_FAR,
     TOO_FAST,
     TOO_LATE,
+    adopt_plan,
     begin,
-    hold,
     motion_now,
-    pursue,
+    plan_stop,
+    plan_to,
 )
 from ppc_attitude.science.guidance.limits import frame_bounds, slew_bounds
 from ppc_attitude.science.guidance.orders import (
@@ -63,7 +64,7 @@ from ppc_attitude.science.guidance.orders import (
 )
 from ppc_attitude.science.guidance.scene import scene_at, told
 from ppc_attitude.science.guidance.slew import slew_torque
-from ppc_attitude.science.guidance.trajectory import POINTS, follow
+from ppc_attitude.science.guidance.trajectory import POINTS, append_profile
 from ppc_attitude.science.guidance.watch import look_out, warnings_of
 from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.keep_out import MOST_CONES
@@ -199,12 +200,16 @@ def obey(order: Any, guidance: Any, state: Any) -> None:
     """Take an order at its stamp, or when the reference began if that was later."""
     t = max(seconds(order.stamp_ns), state.begin)
     if order.frame == HOLD:
-        hold(t, guidance, state)
+        outcome = plan_stop(t, guidance, state)
     elif order.frame == PROFILE:
         profiles = array_at(guidance.profiles_address, guidance.profiles, POINTS)
-        follow(t, profiles[order.profile], guidance, state)
+        points = profiles[order.profile]
+        outcome = plan_to(t, INERTIAL, quaternion(points.attitude[0]), guidance, state)
+        if outcome == ACCEPTED:
+            outcome = append_profile(t, points, guidance, state)
     else:
-        pursue(t, order.frame, quaternion(order.attitude), guidance, state)
+        outcome = plan_to(t, order.frame, quaternion(order.attitude), guidance, state)
+    adopt_plan(t, outcome, state)
 
 
 @kernel
