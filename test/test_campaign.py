@@ -14,6 +14,7 @@
 
 """A campaign gives the same results whoever computes, loses none, and tells what they come to."""
 
+import errno
 import json
 import os
 import signal
@@ -254,6 +255,7 @@ def test_a_run_that_kills_its_workers_is_the_only_one_lost() -> None:
     broken = [each.row for each in found if each.row["error"] is not None]
     assert [row["index"] for row in broken] == [17]
     assert "every worker that ran it was lost" in broken[0]["error"]
+    assert draw(small(), 17).items() <= broken[0].items()  # so it counts for the fault it drew
 
 
 def test_what_is_wrong_with_the_campaign_ends_it() -> None:
@@ -305,6 +307,23 @@ def test_a_broken_progress_leaves_whole_files(
     with pytest.raises(KeyboardInterrupt):
         run_campaign(small(), 50, tmp_path / "c", progress=interrupt)
     assert [row["index"] for row in rows_of(tmp_path / "c")] == [0]
+
+
+def test_a_full_disk_is_named_and_leaves_no_table_that_cannot_be_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The table was ended after what had failed, and that error took the place of the first."""
+    monkeypatch.setattr(results, "BATCH", 10)
+    compute_here(monkeypatch)
+    raised = [OSError(errno.ENOSPC, "No space left"), ValueError("Operation on closed file")]
+
+    def to_a_full_disk(*_table: Any, **_told: Any) -> None:
+        raise raised.pop(0)
+
+    monkeypatch.setattr(pq.ParquetWriter, "write_table", to_a_full_disk)
+    with pytest.raises(OSError, match="No space left"):
+        run_campaign(small(0.2), 40, tmp_path / "c")
+    assert not (tmp_path / "c" / "runs.parquet").exists()
 
 
 def test_rows_are_written_while_the_campaign_runs_and_progress_counts_up_to_the_end(

@@ -44,6 +44,7 @@ from ppc_attitude.simulation.scenario import load
         (f"{PLANT}.max_torque", 0.0, "max_torque can become 0; allowed: finite, > 0"),
         (f"{PLANT}.inertia[0]", "wide", r"inertia\[0\] = 'wide'; allowed: finite"),
         (f"{PLANT}.initial_attitude", 0.1, "allowed: so3, cone"),
+        (f"{PLANT}.initial_attitude[0]", 0.1, "one number of a quaternion; allowed: spacecraft_p"),
         (3, 1.0, "parameters has 3; allowed"),
     ],
 )
@@ -134,8 +135,8 @@ def test_every_node_with_noise_has_the_seed_of_the_run() -> None:
             "rate_noise.low = 0; allowed: > 0 for log_uniform",
         ),
         (
-            {"rate_noise": {"distribution": "normal", "mean": 0.1, "deviation": 0.1}},
-            "rate_noise can become -inf; allowed: finite, ≥ 0",
+            {"rate_noise": {"distribution": "normal", "mean": 0.1, "deviation": 0.1, "low": -1}},
+            "rate_noise can become -1; allowed: finite, ≥ 0",
         ),
         (
             {"rate_noise": {"distribution": "normal", "mean": 0, "deviation": -1}},

@@ -175,6 +175,18 @@ def test_the_worst_case_is_a_configuration_that_gives_the_value(tmp_path: Path, 
     assert metrics["terminal_error"] == pytest.approx(told["largest"], rel=1e-12)
 
 
+def test_sudden_disturbances_of_the_scenario_act_too() -> None:
+    hit = {"pulse_times": [5.0], "pulse_durations": [0.5], "pulse_torques": [0.0, 0.2, 0.0]}
+    space = space_of()
+    hit_too = replace(space, base=space.base.overlaid({INJECTOR: hit}))
+    choice = np.zeros(space.size)
+    choice[3] = 1.0
+    calm, sudden = (simulate(each.scenario(choice), 20.0) for each in (space, hit_too))
+    more = (sudden["disturbance_torque"] - calm["disturbance_torque"])[:, 1]
+    assert set(more) == {0.0, 0.2}
+    assert more.sum() * 0.01 == pytest.approx(0.2 * 0.5)
+
+
 def test_the_disturbance_is_as_large_as_the_configured_environment(
     tmp_path: Path, ask: Ask
 ) -> None:

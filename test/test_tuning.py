@@ -93,6 +93,16 @@ def test_a_search_ends_between_two_runs_when_its_time_is_over(
     assert flown == [0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 3]
 
 
+def test_runs_that_break_are_counted_among_the_misses() -> None:
+    inertia = {"distribution": "choice", "values": [0.28, 9.0]}  # the latter belongs to no body
+    varied = {**EVERY_START, "parameters": {"spacecraft_plant.inertia[0]": inertia}}
+    of = replace(campaign(varied, scenario(CUBESAT), seed=0), required=REQUIRED)
+    with ThreadPoolExecutor(2) as threads:
+        found = tuned(of, 60.0, threads, runs=1, fresh=12, candidates=1)
+    broken = found.missed["the run broke"]
+    assert 0 < broken <= 12 - found.fraction.met
+
+
 @pytest.mark.filterwarnings("ignore:overflow encountered")
 def test_gains_with_which_a_run_diverges_cost_more_than_any_that_are_merely_slow() -> None:
     strong = {node: values | {"max_torque": 1e6} for node, values in CUBESAT.items()}

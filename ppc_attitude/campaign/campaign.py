@@ -22,7 +22,7 @@ from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
-from ppc_attitude.campaign.declaration import Campaign
+from ppc_attitude.campaign.declaration import Campaign, draw
 from ppc_attitude.campaign.pools import ClusterPool, LocalPool, Pool, cores
 from ppc_attitude.campaign.quantile_bands import QuantileBands, time_bins
 from ppc_attitude.campaign.results import Results
@@ -188,4 +188,5 @@ def _alone(campaign: Campaign, index: int, pool: Pool) -> Outcome:
             if not pool.lost(error):
                 raise
             reason = error
-    return broken(campaign, index, f"every worker that ran it was lost: {reason}")
+    why = f"every worker that ran it was lost: {reason}"
+    return broken(campaign, index, why, draw(campaign, index))

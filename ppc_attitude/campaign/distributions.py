@@ -17,7 +17,8 @@
 Numbers
     a bare number, or a mapping with ``distribution``:
     ``fixed`` (value), ``uniform`` (low, high), ``log_uniform`` (low, high),
-    ``normal`` (mean, deviation; low and high cut it off), ``choice`` (values).
+    ``normal`` (mean, deviation; low and high cut it off, else the range of what is drawn does),
+    ``choice`` (values).
 Directions
     ``sphere``: every direction equally likely; or three numbers: that direction.
 Attitudes
@@ -126,7 +127,7 @@ def number(name: str, declared: Any, allowed: Parameter) -> Number:
     ConfigurationError
         It is no distribution, or can give a number that is not allowed.
     """
-    read = _read_number(name, declared)
+    read = _read_number(name, declared, allowed)
     for end in (read.low, read.high):
         try:
             allowed.checked(end)
@@ -136,7 +137,7 @@ def number(name: str, declared: Any, allowed: Parameter) -> Number:
     return read
 
 
-def _read_number(name: str, declared: Any) -> Number:
+def _read_number(name: str, declared: Any, allowed: Parameter) -> Number:
     if not isinstance(declared, Mapping):
         return _one_of([_finite(name, declared)])
     kind = declared.get("distribution")
@@ -146,12 +147,12 @@ def _read_number(name: str, declared: Any) -> Number:
         low, high = _fields(name, declared, "low", "high")
         _check_order(name, low, high)
         if kind == "log_uniform" and not (low > 0.0 and high / low < math.inf):
-            allowed = "> 0 for log_uniform, and high/low finite"
-            raise ConfigurationError(f"{name}.low = {low:g}; allowed: {allowed}")
+            fit = "> 0 for log_uniform, and high/low finite"
+            raise ConfigurationError(f"{name}.low = {low:g}; allowed: {fit}")
         drawn = _log_uniform if kind == "log_uniform" else _uniform
         return Number(low, high, partial(drawn, low, high))
     if kind == "normal":
-        return _read_normal(name, declared)
+        return _read_normal(name, declared, allowed)
     if kind == "choice":
         values = keys(name, declared, ("distribution", "values")).get("values")
         if not isinstance(values, list) or not values:
@@ -162,11 +163,12 @@ def _read_number(name: str, declared: Any) -> Number:
     )
 
 
-def _read_normal(name: str, declared: Mapping[str, Any]) -> Number:
+def _read_normal(name: str, declared: Mapping[str, Any], allowed: Parameter) -> Number:
     keys(name, declared, ("distribution", "mean", "deviation", "low", "high"))
     mean, deviation = (_finite(f"{name}.{key}", declared.get(key)) for key in ("mean", "deviation"))
-    low = _finite(f"{name}.low", declared["low"]) if "low" in declared else -math.inf
-    high = _finite(f"{name}.high", declared["high"]) if "high" in declared else math.inf
+    least = max(allowed.low, math.nextafter(allowed.above, math.inf))
+    low = _finite(f"{name}.low", declared.get("low", least))
+    high = _finite(f"{name}.high", declared.get("high", allowed.high))
     if deviation <= 0.0:
         raise ConfigurationError(f"{name}.deviation = {deviation:g}; allowed: > 0")
     _check_order(name, low, high)

@@ -35,6 +35,7 @@ from ppc_attitude.analysis.verdict import number_text
 from ppc_attitude.campaign.campaign import Finished
 from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.figures import bands_figure, failing_figure
+from ppc_attitude.campaign.quantile_bands import UNKNOWN
 from ppc_attitude.campaign.summary import SAMPLE_SIZE, Fraction, Summary
 from ppc_attitude.campaign.variables import varying
 
@@ -64,7 +65,9 @@ def write_campaign_report(
     summary = finished.summary
     title = f"{mission or 'Attitude control'}, campaign: {campaign.scenario.controller.name}"
     varied = yaml.safe_dump(dict(campaign.declaration), sort_keys=False, allow_unicode=True)
-    drawn = [(_BANDS, bands_figure(finished.bands, campaign.required))]
+    absent = summary.runs - int(finished.bands.counts[0, -1, :UNKNOWN].sum())
+    bands = f"{_BANDS}; without {absent} runs that broke or diverged" if absent else _BANDS
+    drawn = [(bands, bands_figure(finished.bands, campaign.required))]
     failing = failing_figure(summary.passing, summary.failing, varying(campaign.variables))
     if failing is not None:
         drawn.append((_FAILING, failing))

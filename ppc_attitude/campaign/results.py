@@ -69,6 +69,7 @@ class Results:
             metadata=self._metadata,
         )
         self._rows: list[Row] = []
+        self._whole = True  # False after a failed write: the file then has no readable end
         self._unfinished = unfinished_of(folder / RUNS_FILE)
         self._writer = pyarrow.parquet.ParquetWriter(self._unfinished, self._schema)
 
@@ -80,7 +81,9 @@ class Results:
 
     def _flush(self) -> None:
         table = self._arrow.Table.from_pylist(self._rows, schema=self._schema)
+        self._whole = False
         self._writer.write_table(table, row_group_size=BATCH)
+        self._whole = True
         self._rows.clear()
 
     def _write_bands(self) -> None:
@@ -101,6 +104,8 @@ class Results:
 
     def close(self) -> None:
         """Write what is there, also when the campaign was cut short."""
+        if not self._whole:
+            return
         if self._rows:
             self._flush()
         self._writer.close()

@@ -198,7 +198,7 @@ def _judged(
     def fly(index: int) -> tuple[bool, float, list[str]]:
         verdict = _verdict(campaign, index, gains)
         if verdict is None:
-            return False, math.inf, []
+            return False, math.inf, ["the run broke"]
         missed = [each.name for each in verdict.requirements if each.met is False]
         return verdict.all_met, _settling(verdict, math.inf), missed
 

@@ -164,6 +164,11 @@ def _read(
         )
     if place is not None and not isinstance(value, list):
         raise ConfigurationError(f"parameters has {name}; {node}.{parameter} is a single number")
+    if place is not None and abs(declared.length) == 4:
+        raise ConfigurationError(
+            f"parameters has {name}, one number of a quaternion; allowed: {node}.{parameter}, with "
+            "a distribution of attitudes: so3, or cone with an angle"
+        )
     places = () if place is None else (int(place),)
     if (node, parameter) == (PLANT, INERTIA.name):
         places = tuple(UPPER[each] for each in places)

@@ -56,6 +56,7 @@ class Space:
         Bound of the torque that stands in place of the environment's, per axis [N·m].
     pieces : int
         Into how many pieces of constant torque it is cut; 0: the environment acts as configured.
+        Sudden disturbances of the scenario act in either case.
     e_S : float
         Largest relative error of the inertia, about any axis.
     eta : float
@@ -128,12 +129,12 @@ class Space:
             changed[REFERENCE] = {"begin": self.begin * min(abs(begin), 1.0)}
         if self.pieces:
             torques = self.disturbance * np.clip(x[_START:-_CRAFT], -1.0, 1.0)
-            length = self.duration / self.pieces
+            length, own = self.duration / self.pieces, self.base.parameters[INJECTOR]
             changed[INJECTOR] = {
                 "environment": False,
-                "pulse_times": [k * length for k in range(self.pieces)],
-                "pulse_durations": [length] * self.pieces,
-                "pulse_torques": torques.tolist(),
+                "pulse_times": [*own["pulse_times"], *(k * length for k in range(self.pieces))],
+                "pulse_durations": [*own["pulse_durations"], *[length] * self.pieces],
+                "pulse_torques": [*own["pulse_torques"], *torques.tolist()],
             }
         return spread(self.base.parameters, changed)
 
