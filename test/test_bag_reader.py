@@ -50,7 +50,9 @@ from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.bags.storage import KillSafeWriter
 from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.cdr import Codec
+from ppc_attitude.contract.declared import BY_NAME
 from ppc_attitude.contract.topics import ATTITUDE, PLANT, TORQUE_COMMAND
+from ppc_attitude.simulation.scenario import scenario
 
 RUN = normal_run(duration=1.0)
 STEPS = len(RUN.stamps_ns)
@@ -301,6 +303,30 @@ def test_a_bag_split_into_files(tmp_path: Path) -> None:
         one = write_messages(tmp_path / f"part{number}", part)
         shutil.copy(storage_file(one), tmp_path / "bag" / f"bag_{number}.mcap")
     assert_same(read_run(tmp_path / "bag"), RUN)
+
+
+def test_a_file_that_was_renamed_is_told_from_a_folder_without_a_bag(tmp_path: Path) -> None:
+    bag = write_messages(tmp_path / "bag", list(messages(RUN)), run=RUN)
+    file = storage_file(bag)
+    file.rename(file.with_name("other.mcap"))
+    with pytest.raises(BagError, match=rf"lacks {file.name} of its metadata.yaml, and holds other"):
+        read_run(bag)
+
+
+@pytest.mark.parametrize("msgtype", [BY_NAME["wheels/speed"].msgtype, "std_msgs/msg/Float64"])
+def test_topics_that_no_component_of_the_run_gives_are_missed_by_nobody(
+    tmp_path: Path, msgtype: str
+) -> None:
+    """Another craft's node may have the name of one of our topics."""
+    run = replace(RUN, parameters=scenario({PLANT: {"duration": 1.0}}).parameters)
+    wheels = BY_NAME["wheels/speed"]
+    codec, stranger = Codec(wheels), replace(wheels, msgtype=msgtype)
+    sequence = list(messages(run))
+    for stamp in run.stamps_ns[::10].tolist():
+        sequence.append((stranger, stamp, codec.encode(stamp, (0.0,) * wheels.width)))
+    write_messages(tmp_path / "bag", sequence, run=run)
+    read = read_run(tmp_path / "bag", whole=True)
+    assert sum(read.missing.values()) == 0
 
 
 def test_a_topic_of_another_type_is_named(tmp_path: Path) -> None:

@@ -46,6 +46,7 @@ from ppc_attitude.analysis.run_panels import zoom_window
 from ppc_attitude.analysis.series import AnalysisError
 from ppc_attitude.contract.run_record import Change
 from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.science.attitude import product
 
 NAMES = [
     "pointing_error",
@@ -120,10 +121,25 @@ def test_the_three_errors_are_drawn_where_they_differ(normal):
     told = with_columns(normal, truth_attitude=normal["reference_attitude"])
     (axes,) = pointing_figure(Measured(told)).axes
     assert list(labelled(axes)) == [
-        "pointing: truth against reference",
         "control: told against reference",
         "knowledge: truth against told",
+        "pointing: truth against reference",
     ]
+
+
+def test_limits_are_drawn_at_the_error_that_is_judged():
+    """The law's own error met the limit in a figure of a run that missed it."""
+    run = normal_run(120.0)
+    off = np.array([1e-3, 0.0, 0.0, 1.0]) / np.sqrt(1.0 + 1e-6)
+    truth = [product(tuple(each), tuple(off)) for each in run["attitude"]]
+    drawn = figures_of(Measured(with_columns(run, truth_attitude=np.array(truth))))
+    limit = "terminal < 0.0005"
+    own, true = (
+        labelled(drawn[name][1].axes[1]) for name in ("attitude_error", "true_attitude_error")
+    )
+    assert limit not in own
+    t, level = true[limit].get_data()
+    assert np.nanmin(np.abs(true["x"].get_ydata())[t >= 100.0]) > np.nanmax(level)
 
 
 def test_limits_are_drawn_where_they_are_judged(hit):

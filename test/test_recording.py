@@ -53,7 +53,10 @@ class Bag:
                 self.take(AHEAD, ahead)
 
     def steps(self, name: str) -> list[int]:
-        return [time // 10_000_000 for topic, time, _ in self.written if topic == name]
+        return [int(data.split()[0]) for topic, _, data in self.written if topic == name]
+
+    def times(self, name: str) -> list[int]:
+        return [time for topic, time, _ in self.written if topic == name]
 
     def gaps(self) -> list[str]:
         return self.recording.gaps(ALL)
@@ -115,7 +118,7 @@ def test_what_was_sent_at_skipped_instants_is_written_in_the_order_of_time() -> 
         bag.take(STATE, step)
     assert bag.steps(TORQUE) == [*range(18)]
     assert bag.recording.surplus() == {}
-    bag.take(TORQUE, 12, b"late")
+    bag.take(TORQUE, 12, b"12 late")
     bag.take(AHEAD, 12)
     assert (bag.steps(TORQUE)[18:], bag.steps(AHEAD)[10:]) == ([12], [16])
 
@@ -154,6 +157,10 @@ def test_in_whatever_order_topics_are_read_the_record_is_the_same(seed: int) -> 
             bag.take(name, step)
     for name in ALL:
         assert bag.steps(name) == sent[STATE], name
+        # Other tools read by these times: what came before time began again comes first.
+        first, second = bag.times(name)[:30], bag.times(name)[30:]
+        assert first == [stamp_of(step, 100.0) for step in range(30)]
+        assert second == [first[-1] + 1 + stamp_of(step, 100.0) for step in range(25)]
     assert bag.gaps() == []
 
 
@@ -171,7 +178,7 @@ def test_a_stranger_s_messages_are_told_apart_and_make_no_gap() -> None:
     bag = Bag()
     bag.run(range(10))
     for step in (3, 9, 400):
-        bag.take(TORQUE, step, b"not ours")
+        bag.take(TORQUE, step, b"%d not ours" % step)
     bag.run(range(10, 20))
     assert bag.gaps() == []
     assert bag.recording.surplus() == {TORQUE: 2}
@@ -209,7 +216,7 @@ def test_only_so_many_messages_wait_for_their_states(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("ppc_attitude.runtime.recording._MOST_AHEAD", 100)
     bag = Bag()
     bag.run(range(150))
-    bag.take(TORQUE, 0, b"without a stamp")
+    bag.take(TORQUE, 0, b"0 without a stamp")
     bag.run(range(150, 200))
     for step in range(200, 299):  # what was sent ahead for 200 waits as well
         bag.take(TORQUE, step)

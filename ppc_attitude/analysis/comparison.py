@@ -181,11 +181,12 @@ def sweep_figure(hits: Sequence[SweptHit], required: Requirements = PAPER) -> Fi
     top.plot(durations, known, "o-", color=BLUE, markersize=4, linewidth=1.0, label="recovery")
     top.plot(
         lost,
-        [0.93] * len(lost),
+        [1.0] * len(lost),  # on the frame, where no recovery time is
         "X",
         color=RED,
         markersize=6,
         transform=top.get_xaxis_transform(),
+        clip_on=False,
         label="not recovered" if lost else "_",
     )
     limit_lines(top, required.recovery, label=f"limit {required.recovery:g} s")

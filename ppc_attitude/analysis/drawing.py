@@ -219,7 +219,7 @@ def mark_hits(axes: Axes, starts: Iterable[float]) -> None:
             linestyle="none",
             transform=axes.get_xaxis_transform(),
             clip_on=False,
-            label="hit",
+            label="hit begins",  # a run may be called hit
             zorder=5,
         )
 

@@ -55,7 +55,7 @@ from ppc_attitude.analysis.run_panels import (
     symbols,
 )
 from ppc_attitude.analysis.series import AnalysisError, has, known, samples, vectors
-from ppc_attitude.analysis.truth import EXACT, reference_rates_in_body, truth_of
+from ppc_attitude.analysis.truth import EXACT, RECORDED, reference_rates_in_body, truth_of
 from ppc_attitude.contract.declared import BY_COLUMN, UNSATURATED_TORQUE
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import (
@@ -76,13 +76,14 @@ def pointing_figure(run: Measured) -> Figure:
     if run.pointing is None:
         raise AnalysisError(f"{run.record.source}: {run.lacks_attitude}")
     figure, shown, _ = panels_of(run, 1, row_height=2.1)
-    kinds = [("pointing: truth against reference", run.pointing, BLACK)]
+    kinds = []
     if run.truth.standing != EXACT:
         for label, errors, colour in (
             ("control: told against reference", run.control, BLUE),
             ("knowledge: truth against told", run.knowledge, RED),
         ):
             kinds += [(label, errors, colour)] if errors is not None else []
+    kinds.append(("pointing: truth against reference", run.pointing, BLACK))  # over the others
     for axes in shown:
         for label, errors, colour in kinds:
             draw(axes, run.t, np.rad2deg(errors.angles), label=label, colour=colour)
@@ -100,9 +101,11 @@ def error_figure(run: Measured, envelope: Envelope) -> Figure:
 
 
 def attitude_figure(run: Measured) -> Figure:
-    """Draw the pointing error of a law that has no envelope for it."""
-    if run.pointing is None or has(run.record, ATTITUDE.bound):
-        raise AnalysisError(f"{run.record.source}: {run.lacks_attitude or 'has an envelope'}")
+    """Draw the pointing error, unless it is the law's own error, which is drawn in its envelope."""
+    if run.pointing is None:
+        raise AnalysisError(f"{run.record.source}: {run.lacks_attitude}")
+    if has(run.record, ATTITUDE.bound) and run.truth.standing != RECORDED:
+        raise AnalysisError(f"{run.record.source}: has an envelope")
     return _in_envelope(run, ATTITUDE, run.pointing.quaternions[:, :3], None)
 
 
@@ -212,7 +215,9 @@ def column_figure(run: Measured, column: str) -> Figure:
 def _drawings(record: RunRecord) -> Iterator[Drawing]:
     """Name of a figure's file, caption, and the function that draws it."""
     yield "pointing_error", "Attitude error as an angle", pointing_figure
-    yield "attitude_error", "Attitude error", attitude_figure
+    own = has(record, ATTITUDE.bound)  # the law's own error, in its envelope, has that name
+    name, caption = ("true_attitude_error", "True a") if own else ("attitude_error", "A")
+    yield name, f"{caption}ttitude error", attitude_figure
     for each in envelopes_of(record):
         who = BY_COLUMN[each.error].source
         caption = f"{each.name.capitalize()} in its envelope, as {who} reports it"
@@ -277,7 +282,7 @@ def _in_envelope(run: Measured, envelope: Envelope, error: Array, bound: Array |
         if magnitude:
             seen = np.nanmax(np.abs(error), keepdims=True) if bound is None else bound
             log_axis(axes, log_floor(seen))
-    if not envelope.jumps:
+    if not envelope.jumps and (bound is None or run.truth.standing != RECORDED):
         accuracy_limits(shown[1], run, "")
     finish(shown, run)
     if window is not None and not envelope.jumps:

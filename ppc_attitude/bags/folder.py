@@ -183,8 +183,11 @@ class Bag:
                 (file for file in self.path.iterdir() if _kind(file) in STORAGES), key=_natural
             )
         if not found:
-            empty = not any(self.path.iterdir())
-            what = "is an empty folder" if empty else "is no bag: it holds no .mcap or .db3 file"
+            held = sorted(each.name for each in self.path.iterdir())
+            what = "is no bag: it holds no .mcap or .db3 file" if held else "is an empty folder"
+            if others := [name for name in held if _kind(Path(name)) in STORAGES]:
+                lacks = ", ".join(map(shortened, named or ()))
+                what = f"lacks {lacks} of its {METADATA}, and holds {', '.join(others)}"
             raise BagError(f"{self.path} {what}")
         for file in found:
             demand_plain(file)

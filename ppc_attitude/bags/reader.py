@@ -172,7 +172,8 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
             break
     in_flight.sort(key=attrgetter("stamp_ns"))
     announced = (topic.name for topic in lacking if f"{home}/{topic.name}" in bag.topics)
-    empty = dict.fromkeys(announced, len(timeline.stamps))
+    missing = {**timeline.missing, **dict.fromkeys(announced, len(timeline.stamps))}
+    others = {topic.name for topic in _of_others(parameters)}
     warnings = [*facts.flaws, *flaws, *collected.warnings(home), *timeline.warnings]
     if lacking:
         warnings.append(f"the bag {lacks}")
@@ -205,7 +206,7 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
         controller=facts.controller,
         stamps_ns=timeline.stamps,
         columns=timeline.columns,
-        missing={**timeline.missing, **empty},
+        missing={name: count for name, count in missing.items() if name not in others},
         held=timeline.held,
         parameters=parameters,
         changes=tuple(
@@ -306,7 +307,7 @@ def _lacking(
     for topic in SAMPLED:
         name = f"{home}/{topic.name}"
         msgtype = bag.topics.get(name, topic.msgtype)
-        if topic in series:
+        if topic in series or topic in _of_others(parameters):
             continue
         if msgtype not in carriers(topic):
             found[topic] = f"{topic.name} ({_wrong_type(topic, msgtype)})"
@@ -314,6 +315,12 @@ def _lacking(
             why = " (none can be decoded)" if bag.counts.get(name) else ""
             found[topic] = f"{topic.name}{why}"
     return found
+
+
+def _of_others(parameters: Mapping[str, Mapping[str, Any]]) -> set[Topic]:
+    """Topics that no component gives of a node whose parameters are on record."""
+    known = {topic for topic in SAMPLED if topic.source in parameters}
+    return known - set(promised(parameters))
 
 
 def _wrong_type(topic: Topic, msgtype: str) -> str:

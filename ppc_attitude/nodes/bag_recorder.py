@@ -252,10 +252,10 @@ class BagRecorder(BaseNode):
             self._writer.write(full, time_ns, data)
             self._written += 1
         except BagError as error:
-            self.fail(time_ns, str(error))
+            self.fail(self._recordings[home].now, str(error))
         else:
             if name == ATTITUDE.name:
-                self.report(time_ns)
+                self.report(self._recordings[home].now)
 
     def _look_around(self) -> None:
         """Find the other topics of the run's nodes, and strangers that publish on its topics."""

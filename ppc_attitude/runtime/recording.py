@@ -136,13 +136,18 @@ def _until(stretch: _Stretch) -> str:
 
 
 class Recording:
-    """The messages of one run, in one namespace; `write` gets topic, time [ns] and bytes."""
+    """The messages of one run, in one namespace; `write` gets topic, time [ns] and bytes.
+
+    The time is the stamp until time begins again. Then it goes on from the last one: other tools
+    read a bag by these times, and would mix what came before and after.
+    """
 
     def __init__(self, write: Write) -> None:
         self._write = write
         self._rhythm = _Rhythm()
         self._lanes: defaultdict[str, _Lane] = defaultdict(_Lane)
         self._states = self._lanes[_LEAD]
+        self._origins = [0]  # [ns] where each epoch of the states begins, in times of the bag
         # What waits for its state: topic, bytes, and if it was sent ahead, by epoch and stamp [ns].
         self._ahead: dict[tuple[int, int], list[tuple[str, bytes, bool]]] = {}
         self._instants: list[tuple[int, int]] = []  # a heap of those, and of some that have passed
@@ -171,7 +176,7 @@ class Recording:
             self._with_state[name] = data
         if stamp_ns is None or stamp_ns < 0 or (stamp_ns == 0 and not with_state):
             stamp_ns = max(self.now, 0)
-        self._write(name, stamp_ns, data)
+        self._write(name, self._origins[-1] + stamp_ns, data)
 
     def sample(
         self,
@@ -227,6 +232,7 @@ class Recording:
         lane.ended = lane.heard
         lane.stretches.append(_Stretch())
         if name == _LEAD:
+            self._origins.append(self._origins[-1] + lane.ended + 1)
             self._begun = False
             self._latest.clear()
             self._with_state.clear()
@@ -235,6 +241,7 @@ class Recording:
         """Undo a restart: its stamps of zero were none, as of `ros2 topic pub`; time goes on."""
         waiting = self._ahead.get((lane.epoch, 0), [])
         lane.surplus += lane.stretches.pop().count
+        del self._origins[len(self._states.stretches) :]
         for stray in [each for each in waiting if each[0] == name]:
             waiting.remove(stray)
             self._waiting -= 1
@@ -302,7 +309,7 @@ class Recording:
             stretch.count += 1
             stretch.total += stamp_ns
             stretch.before, stretch.last = stretch.last, (stamp_ns, data)
-        self._write(name, stamp_ns, data)
+        self._write(name, self._origins[epoch] + stamp_ns, data)
 
     def began(self, names: Iterable[str], since: float) -> int | None:
         """First stamp [ns] of a node on its topics, if it began to send since a time [s]."""
