@@ -69,7 +69,9 @@ def test_what_is_no_bag_is_refused_by_name(tmp_path: Path) -> None:
     (tmp_path / "notes").mkdir()
     (tmp_path / "notes" / "notes.txt").write_text("no bag")
     refused(tmp_path / "notes", r"is no bag: it holds no \.mcap or \.db3 file")
-    refused(tmp_path / "notes" / "notes.txt", r"is no bag: not a folder, \.mcap or \.db3")
+    refused(
+        tmp_path / "notes" / "notes.txt", r"is no bag; allowed: a folder, or a file \.mcap or \.db3"
+    )
     for suffix, message in (
         (".mcap", "is no MCAP file"),
         (".db3", "cannot be read as a rosbag2 database"),
@@ -78,7 +80,7 @@ def test_what_is_no_bag_is_refused_by_name(tmp_path: Path) -> None:
         file.write_text("no storage, but some text that is long enough to look like one")
         refused(file, message)
         file.write_bytes(b"")
-        refused(file, "holds nothing")
+        refused(file, "is an empty file")
     packed = tmp_path / "text.mcap.zstd"
     packed.write_bytes(zstandard.compress(b"no storage"))
     refused(packed, r"text\.mcap\.zstd is no MCAP file")
@@ -113,7 +115,7 @@ def test_a_database_of_other_texts_is_refused(tmp_path: Path) -> None:
         ),
         (
             "messages SET timestamp = 'x' WHERE id = 1007",
-            "a message behind message 1000 lacks a part, or has a topic or time that is no integer",
+            "a message after message 1000 lacks a part, or has a topic or time that is no integer",
         ),
     ],
 )

@@ -128,7 +128,7 @@ def test_what_its_recorder_knew_to_be_incomplete_is_told(tmp_path: Path) -> None
     path = tmp_path / "bag"
     with BagWriter(path, custom_data={GAPS_KEY: json.dumps(told)}) as writer:
         record_all(writer, messages(RUN))
-    assert read_run(path).warnings == (f"its recorder calls it incomplete: {told[0]}",)
+    assert read_run(path).warnings == (f"the recorder calls the bag incomplete: {told[0]}",)
 
 
 @pytest.mark.parametrize(("rate", "begin"), [(300.0, 0), (100.0, 3_000_000)])
@@ -174,7 +174,8 @@ def test_messages_beside_the_plants_stamps_are_reported(tmp_path: Path) -> None:
     stray = (TORQUE_COMMAND, 5, Codec(TORQUE_COMMAND).encode(5, (1.0, 1.0, 1.0)))
     read = read_run(write_messages(tmp_path / "bag", [*sequence[:60], stray, *sequence[60:]]))
     assert_same(read, RUN)
-    assert "1 messages of torque_command have no stamp of the plant's" in read.warnings
+    told = "1 messages of torque_command have stamps that no state of the plant has: left out"
+    assert told in read.warnings
 
 
 @pytest.mark.parametrize("places", [[1], [30], [30, 31, 32], [30, 32, 34]])
@@ -324,7 +325,9 @@ def test_a_change_to_what_no_node_can_have_is_left_out(tmp_path: Path) -> None:
     read = read_run(write_messages(tmp_path / "bag", sequence, run=RUN))
     assert [change.name for change in read.changes] == ["eta"]
     (warning,) = read.warnings
-    assert warning.startswith(f"its parameters of {CONTROLLER} cannot be used: k = 'fast'; allowed")
+    assert warning.startswith(
+        f"the bag's parameters of {CONTROLLER} cannot be used: k = 'fast'; allowed"
+    )
 
 
 def test_undecodable_messages_are_counted(tmp_path: Path) -> None:
@@ -335,7 +338,10 @@ def test_undecodable_messages_are_counted(tmp_path: Path) -> None:
     sequence.append((CHANGES_TOPIC, 0, b"\0\1\0\0short"))
     read = read_run(write_messages(tmp_path / "bag", sequence, run=RUN))
     names = {"2": "/attitude", "1": f"/{CHANGES_TOPIC.name}"}
-    told = tuple(f"{count} messages of {name} cannot be used" for count, name in names.items())
+    told = tuple(
+        f"{count} messages of {name} have no readable value, or a stamp below 0: left out"
+        for count, name in names.items()
+    )
     assert read.warnings == told
     assert read.missing == {"attitude": 2}
     assert np.isnan(read["attitude"][3:5]).all()

@@ -78,8 +78,8 @@ def test_a_whole_bag_of_a_run_that_ended_early_says_so(
     plant = {**RUN.parameters[PLANT], "duration": duration}
     write_run(replace(RUN, parameters={**RUN.parameters, PLANT: plant}), tmp_path / "bag")
     assert read_run(tmp_path / "bag").warnings == tuple(
-        f"the record ends at 1 s, before the plant's duration of {each}: what was scheduled after "
-        "its end is not told"
+        f"the record ends at 1 s, before the plant's duration of {each}: events scheduled after "
+        "its end are not in it"
         for each in told
     )
 
@@ -180,7 +180,9 @@ def test_a_package_that_has_another_version_here_is_named(
     run = replace(RUN, metadata={"acme": "1.0", "same": "1.0"})
     write_run(run, tmp_path / "bag")
     (told,) = read_run(tmp_path / "bag").warnings
-    assert told.startswith("acme was 1.0 and is 2.0 here: its columns and parameters are read as")
+    assert told.startswith(
+        "package acme was 1.0 in the run and is 2.0 here: its columns and parameters are read as"
+    )
 
 
 def test_an_attitude_of_an_unknown_part_makes_no_run_of_its_own(tmp_path: Path) -> None:
@@ -210,8 +212,8 @@ def test_messages_that_a_node_refuses_for_their_frame_are_counted(
         sequence[k] = topic, stamp, other.encode(stamp, Codec(topic).decode(data).values)
     read = read_run(write_messages(tmp_path / "bag", sequence))
     assert_same(read, RUN)
-    told = f"3 messages of /attitude are read as if in its frame: frame_id {frame!r}; allowed: "
-    assert read.warnings == (f"{told}'inertial'",)
+    told = "3 messages of /attitude are read as if their frame were right: frame_id"
+    assert read.warnings == (f"{told} {frame!r}; allowed: 'inertial'",)
 
 
 def test_quaternions_that_a_node_refuses_for_their_norm_are_counted(tmp_path: Path) -> None:
@@ -278,8 +280,8 @@ def test_mcap_files_of_others(tmp_path: Path, compression: CompressionType, chun
     writer.finish()
     read = read_run(file)
     assert_same(read, RUN)
-    told = f"{STEPS * len(SAMPLED)} messages of /{SAMPLED[-1].name} cannot be used"
-    assert read.warnings == (told,)
+    told = f"{STEPS * len(SAMPLED)} messages of /{SAMPLED[-1].name} have no readable value, or a "
+    assert read.warnings == (f"{told}stamp below 0: left out",)
     if chunking:  # the checksum of a chunk is checked
         with file.open("rb") as opened:
             summary = make_reader(opened).get_summary()
@@ -333,8 +335,10 @@ def test_a_topic_of_another_type_is_named(tmp_path: Path) -> None:
     text = {TORQUE_COMMAND: replace(TORQUE_COMMAND, msgtype="std_msgs/msg/String")}
     sequence = [(text.get(topic, topic), stamp, data) for topic, stamp, data in messages(RUN)]
     write_messages(tmp_path / "bag", sequence, run=RUN)
-    expected = r"torque_command \(it is std_msgs/msg/String; allowed: geometry_msgs/msg/WrenchSt"
+    expected = (
+        r"torque_command \(its type is std_msgs/msg/String; allowed: geometry_msgs/msg/WrenchSt"
+    )
     with pytest.raises(BagError, match=expected):
         read_run(tmp_path / "bag", whole=True)
     (warning,) = read_run(tmp_path / "bag").warnings
-    assert "lacks messages of torque_command (it is std_msgs/msg/String; " in warning
+    assert "lacks messages of torque_command (its type is std_msgs/msg/String; " in warning

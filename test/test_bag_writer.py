@@ -54,7 +54,9 @@ def test_refusals_name_what_is_wrong(tmp_path: Path) -> None:
     writer.add_topic("/a", "std_msgs/msg/String")
     with pytest.raises(BagError, match=r"has topic /a already"):
         writer.add_topic("/a", "std_msgs/msg/String")
-    with pytest.raises(BagError, match=r"'my_msgs/msg/Thing', the type of /b, is not in Jazzy"):
+    with pytest.raises(
+        BagError, match=r"'my_msgs/msg/Thing', the type of /b, is no type of ROS 2 Jazzy"
+    ):
         writer.add_topic("/b", "my_msgs/msg/Thing")
     with pytest.raises(BagError, match=r"topic /c was not announced"):
         writer.write("/c", 0, b"")

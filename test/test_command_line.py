@@ -116,7 +116,7 @@ WRONG = [
     ("run --config empty", "empty"),
     ("run --config unknown_node.yaml", "plant"),
     ("simulate --config steers.yaml", r"steers.yaml: control characters in '\x1b[2J'"),
-    ("simulate --config month.yaml", "month.yaml is not YAML: month must be in 1..12"),
+    ("simulate --config month.yaml", "month.yaml cannot be read as YAML: month must be in 1..12"),
     ("run --duration nan", "nan"),
     ("run --duration soon", "soon"),
     ("run --controller pid", "pid"),

@@ -192,7 +192,7 @@ def test_check_lists_faults_and_says_that_a_certificate_is_void(tmp_path: Path, 
     assert f"faults = '{STUCK}': whether it keeps the assumed bounds" in told
     overlay(file, {PLANT: {"faults": ["wheel/7 seized"]}})
     refused = ask("check", "--config", file, code=2).err
-    assert "'wheel/7 seized': this craft has no part wheel/7 that fails" in refused
+    assert "'wheel/7 seized': no selected component has a part wheel/7" in refused
 
 
 def test_nothing_is_designed_for_hardware_that_fails(tmp_path: Path, ask: Ask) -> None:

@@ -159,7 +159,12 @@ REFUSED = {
     "infeasible": (CONTROLLER, "rate_envelope.exponential_terminal", 1e-9, "rate_envelope"),
     "at start only": (PLANT, "rate", 50.0, "rate"),
     "unknown": (INJECTOR, "enviroment", True, "did you mean environment?"),
-    "no such part": (PLANT, "faults", ["wheel/7 seized"], "this craft has no part wheel/7"),
+    "no such part": (
+        PLANT,
+        "faults",
+        ["wheel/7 seized"],
+        "no selected component has a part wheel/7",
+    ),
     "truth not sent": (PLANT, "rate_noise", 1e-6, "select send_truth = true at start"),
     "not together": (INJECTOR, "pulse_times", [1.0, 2.0], "pulse"),
 }

@@ -152,7 +152,7 @@ def test_an_advice_that_is_none_is_refused_before_anything_runs(tell: Tell) -> N
 def test_who_reads_what_is_given_later_hears_what_is_allowed(tell: Tell, tmp_path: Path) -> None:
     choose(tmp_path, "spacecraft_plant", "sensors: hasty")
     told = tell("simulate --config own.yaml --duration 1", code=2)
-    assert "reads torque_command, which is given later in the instant; allowed: col" in told.err
+    assert "reads torque_command, which is computed later in the step; allowed: col" in told.err
 
 
 def test_a_report_tells_who_gives_a_bounded_column_and_the_version_of_its_package(

@@ -123,7 +123,7 @@ def test_a_limit_on_a_quaternion_is_one_on_its_vector(tmp_path: Path) -> None:
         ("limits: {attitude_eror: 0.1}", "no column attitude_eror; did you mean attitude_error"),
         ("limits: {foo: 1.0}", "there is no column foo; allowed: attitude, "),
         ("[1, 2]", "must be `name: value` lines"),
-        ("a: [", "is not YAML"),
+        ("a: [", "cannot be read as YAML"),
         (f"rate: {900 * '9'}", "number of 900 characters, allowed are 250"),
     ],
 )

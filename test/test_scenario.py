@@ -140,7 +140,7 @@ def test_an_error_names_the_file_that_does_not_go_with_those_before(tmp_path: Pa
     ):
         with pytest.raises(ConfigurationError) as raised:
             load(paths)
-        assert str(raised.value).endswith(f"; it is so from configuration file {culprit} on")
+        assert str(raised.value).endswith(f"; the error begins with configuration file {culprit}")
     with pytest.raises(ConfigurationError, match=r"allowed: one of \w+(, \w+)*$"):
         load([wheels], {"ppc_controller": {"controller": "nothing"}})
 
@@ -148,7 +148,7 @@ def test_an_error_names_the_file_that_does_not_go_with_those_before(tmp_path: Pa
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("a: [1, 2", "is not YAML"),
+        ("a: [1, 2", "cannot be read as YAML"),
         ("", "no node name at its top"),
         ("- 1\n- 2\n", "no node name at its top"),
         ("just text", "no node name at its top"),
@@ -156,7 +156,7 @@ def test_an_error_names_the_file_that_does_not_go_with_those_before(tmp_path: Pa
         ("ppc_controller: {k: 3.0}\n", "ppc_controller has no mapping ros__parameters"),
         ("ppc_controller:\n  ros__parameters: 5\n", "no mapping ros__parameters"),
         ("ppc_controller:\n", "no mapping ros__parameters"),
-        ("a: {b: 1}\nc: 2\na: {d: 3}\n", "is not YAML: a stands again in line 3"),
+        ("a: {b: 1}\nc: 2\na: {d: 3}\n", "cannot be read as YAML: a is repeated in line 3"),
     ],
 )
 def test_files_that_are_no_parameter_files(tmp_path: Path, text: str, complaint: str) -> None:
@@ -179,7 +179,7 @@ def test_a_pipe_that_can_be_read_once_only_is_a_file_like_others() -> None:
     paths = [CONFIG / "paper.yaml", piped(one("spacecraft_plant", idle))]
     assert idle_parameters(paths, load(paths)) == ["wheels.max_speed"]
     paths = [piped(one("ppc_controller", "{k: 2.0}")), piped(one("ppc_controller", "{kk: 3.0}"))]
-    with pytest.raises(ConfigurationError, match=f"from configuration file {paths[1]} on"):
+    with pytest.raises(ConfigurationError, match=f"begins with configuration file {paths[1]}"):
         load(paths)
 
 
@@ -190,7 +190,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
         read_files([tmp_path])
     binary = tmp_path / "binary.yaml"
     binary.write_bytes(b"\xff\xfe\x00\x80")
-    with pytest.raises(ConfigurationError, match=r"binary\.yaml is not YAML"):
+    with pytest.raises(ConfigurationError, match=r"binary\.yaml cannot be read as YAML"):
         read_files([binary])
 
 
@@ -295,14 +295,14 @@ def test_pulses_are_whole_nanoseconds() -> None:
 
 def test_a_filter_that_hears_no_sensor_of_its_own_is_refused_for_that() -> None:
     """Not only because the numbers of a tracker that nobody wants are zero."""
-    message = r"cross_noise = 0.*; it reads gyro, which no .* gives; sensors = gyro_star_tracker wo"
+    message = r"cross_noise = 0.*or reads gyro, which no .* gives; sensors = gyro_star_tracker wo"
     with pytest.raises(ConfigurationError, match=message):
         load(configs("paper"), {"attitude_estimator": {"estimator": "mekf"}})
 
 
 def test_nodes_agree_on_when_a_fix_comes() -> None:
     files = configs("paper", "sensors_smallsat")
-    message = "attitude_estimator: star_tracker.latency = 0.2; allowed: 0.1, which spacecraft_plant"
+    message = "attitude_estimator: star_tracker.latency = 0.2; allowed: 0.1, as in spacecraft_plant"
     with pytest.raises(ConfigurationError, match=message):
         load(files, {"attitude_estimator": {"star_tracker.latency": 0.2}})
     assert load(files, {"attitude_estimator": {"star_tracker.cross_noise": 1e-4}})  # may be wrong
@@ -312,8 +312,8 @@ def test_nodes_agree_on_what_the_craft_is() -> None:
     files = configs("paper", "orbit")
     heavier = [3.0, 0.0, 0.0, 0.0, 2.5, 0.0, 0.0, 0.0, 1.9]
     message = (
-        r"disturbance_injector: inertia = \[2.8.*; allowed: \[3.0.*, which spacecraft_plant has "
-        r"\(under /\*\* a file sets it in all nodes\)"
+        r"disturbance_injector: inertia = \[2.8.*; allowed: \[3.0.*, as in spacecraft_plant, "
+        r"because nodes must agree \(under /\*\* a file sets it in all nodes\)"
     )
     with pytest.raises(ConfigurationError, match=message):
         load(files, {"spacecraft_plant": {"inertia": heavier}})
@@ -373,7 +373,9 @@ def test_nodes_refuse_an_estimator_that_does_not_say_when_its_fixes_come(
     """The node would take the slots from parameters of another estimator, and wait for ever."""
     case = load(configs("paper", "sensors_smallsat"))
     monkeypatch.setitem(ESTIMATORS.components, "mekf", replace(mekf.COMPONENT, parameters=()))
-    message = "mekf reads star_fix, which comes late, and has no parameter star_tracker.rate, .*all"
+    message = (
+        "mekf reads star_fix, which comes late, and has no parameter star_tracker.rate, .*, which"
+    )
     with pytest.raises(ConfigurationError, match=message):
         check_exchange(case.parameters)
 

@@ -149,7 +149,7 @@ class Collected:
             self._notes.append(f"{name} has {told}: the times of receipt are taken")
             stamps = np.concatenate(received)
         elif alike and len(stamps) > 1:
-            self._notes.append(f"{len(stamps)} equal messages of {name} with one stamp are one")
+            self._notes.append(f"{len(stamps)} equal messages of {name} have one stamp: one counts")
         order = np.argsort(arrival, kind="stable")
         joined = Series(stamps, values, arrival)
         return (joined[order] if (np.diff(order) != 1).any() else joined), by_receipt
@@ -168,10 +168,11 @@ class Collected:
     def warnings(self, namespace: str) -> list[str]:
         """Say which topics of the run hold messages that are unusable, or read in another way."""
         found = [
-            (name, f"{n} messages of {name} cannot be used") for name, n in self._unreadable.items()
+            (name, f"{n} messages of {name} have no readable value, or a stamp below 0: left out")
+            for name, n in self._unreadable.items()
         ]
         found += [
-            (name, f"{n} messages of {name} are read as if in its frame: {why}")
+            (name, f"{n} messages of {name} are read as if their frame were right: {why}")
             for name, (n, why) in self._strange.items()
         ]
         names = {f"{namespace}/{topic.name}" for topic in (*SAMPLED, CHANGES_TOPIC)}

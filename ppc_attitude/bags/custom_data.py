@@ -116,7 +116,7 @@ def decode_custom_data(custom_data: Mapping[str, str], namespace: str) -> RunFac
     parameters = {node: usable(node, values, flaws) for node, values in parameters.items()}
     metadata = _told(custom_data, METADATA_KEY, dict, flaws)
     gaps = _told(custom_data, GAPS_KEY, list, flaws)
-    flaws += [f"its recorder calls it incomplete: {gap}" for gap in gaps]
+    flaws += [f"the recorder calls the bag incomplete: {gap}" for gap in gaps]
     own = parameters.get(CONTROLLER, {}).get("controller")
     stated = printable(custom_data.get(CONTROLLER_KEY) or UNKNOWN_CONTROLLER)
     return RunFacts(
@@ -138,7 +138,7 @@ def usable(node: str, values: Mapping[str, Any], flaws: list[str]) -> dict[str, 
             named = known.choices and not known.is_list and isinstance(values[known.name], str)
             if not named:  # else it may be a component that is not installed here
                 del left[known.name]
-                flaws.append(f"its parameters of {node} cannot be used: {shortened(error)}")
+                flaws.append(f"the bag's parameters of {node} cannot be used: {shortened(error)}")
     return left
 
 
@@ -160,6 +160,6 @@ def _told(custom_data: Mapping[str, str], key: str, kind: Any, flaws: list[str])
     try:
         value = all_printable(parsed_json(custom_data.get(key, "null")))
     except ValueError as error:
-        flaws.append(f"its {key} cannot be read: {error}")
+        flaws.append(f"the bag's {key} cannot be read: {error}")
         return kind()
     return value if isinstance(value, kind) else kind()

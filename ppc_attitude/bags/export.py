@@ -96,7 +96,7 @@ def export_csv(record: RunRecord, target: Path) -> str:
 @contextlib.contextmanager
 def _new_file(target: Path) -> Iterator[BinaryIO]:
     if os.path.lexists(target):
-        raise BagError(f"{target} exists already, it is not overwritten")
+        raise BagError(f"{target} exists already and is not overwritten; choose another file")
     try:
         with whole_file(target) as file:
             yield file

@@ -169,7 +169,7 @@ class Bag:
         if self.path.is_file():
             demand_plain(self.path)
             if _kind(self.path) not in STORAGES:
-                raise BagError(f"{self.path} is no bag: not a folder, .mcap or .db3")
+                raise BagError(f"{self.path} is no bag; allowed: a folder, or a file .mcap or .db3")
             return [self.path]
         named = self._information.get("relative_file_paths")
         if isinstance(named, list) and named:

@@ -59,7 +59,7 @@ def plain_file(path: Path) -> BinaryIO:
     holes = _holes(file.fileno())
     if holes > SMALL:
         file.close()
-        raise BagError(f"{path} has {holes} bytes of holes, allowed are {SMALL}")
+        raise BagError(f"{path} is a sparse file: {holes} bytes of holes; allowed: {SMALL}")
     return file
 
 
@@ -98,8 +98,8 @@ class Allowance:
         self._left -= count
         if self._left < 0:
             raise BagError(
-                f"the compressed data of {self._name} claim {self._most - self._left} bytes, "
-                f"allowed are {self._most}: {UNFOLDS} times its size and {SMALL}"
+                f"the compressed data of {self._name} unpack to {self._most - self._left} bytes or "
+                f"more; allowed: {self._most}, which is {UNFOLDS} times its size and {SMALL}"
             )
 
 

@@ -72,7 +72,7 @@ class McapSource:
         self._schemas: dict[int, str] = {}
         self._size = path.stat().st_size  # a bag that is being recorded is read up to here
         if self._size == 0:
-            raise BagError(f"{path} holds nothing")
+            raise BagError(f"{path} is an empty file")
         self._file = plain_file(path)
         self._sum = crc32(magic := self._file.read(len(_MAGIC)))
         if not _MAGIC.startswith(magic):
@@ -187,7 +187,7 @@ class McapSource:
             return unlz4(body, size, self._allowance)
         if name:
             told = f"it is compressed with {shortened(name)!r}"
-            raise BagError(f"{told}, known are zstd and lz4")
+            raise BagError(f"{told}; allowed: zstd and lz4")
         return body
 
     def _chunk_records(self, data: Bytes, size: int) -> Iterator[Block]:
@@ -227,7 +227,7 @@ class McapSource:
             qos = _table(content, position).get("offered_qos_profiles", "")
             channel = Channel(topic, self._schemas.get(schema, ""), qos)
             if self.channels.setdefault(key, channel) != channel:  # whose are its messages?
-                raise _DamageError(f"channel {key} is defined as two")
+                raise _DamageError(f"channel {key} is defined twice, with different content")
 
     def _read_metadata(self, content: bytes) -> None:
         """Take the custom data from the file's copy of ``metadata.yaml``."""

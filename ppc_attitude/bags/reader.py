@@ -119,7 +119,7 @@ def _checked(topics: Mapping[str, str]) -> dict[Topic, str]:
         topic = BY_NAME.get(ours.strip("/"))
         if topic is None or not topic.column:
             allowed = ", ".join(each.name for each in SAMPLED)
-            raise BagError(f"there is no topic {ours} of a run to be read; allowed: {allowed}")
+            raise BagError(f"a run has no topic {ours} with samples; allowed: {allowed}")
         names[topic] = "/" + theirs.strip("/")
     return names
 
@@ -140,7 +140,7 @@ def _collect(
                 f"{bag.path} has no topic {name} for {topic.name}; it holds {_held(bag)}"
             )
         if msgtype is not None and msgtype not in carriers(topic):
-            raise BagError(f"{name} cannot be {topic.name}: {_wrong_type(topic, msgtype)}")
+            raise BagError(f"{name} cannot be read as {topic.name}: {_wrong_type(topic, msgtype)}")
     return collected
 
 
@@ -179,19 +179,19 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
         warnings.append(f"the bag {lacks}")
     if unknown := not_installed(parameters):
         warnings.append(
-            f"not installed: {', '.join(unknown)}; columns that nothing else gives are not read"
+            f"not installed: {', '.join(unknown)}; columns that only these give are not read"
         )
     for name, version in versions_of_others().items():
         if (was := facts.metadata.get(name, version)) != version:
             warnings.append(
-                f"{name} was {was} and is {version} here: its columns and parameters are read as "
-                f"{version} declares them"
+                f"package {name} was {was} in the run and is {version} here: its columns and "
+                f"parameters are read as {version} declares them"
             )
     begin = seconds(int(timeline.stamps[0]))
     if rate and 0.0 < begin <= LATEST:
         warnings.append(
-            f"the record begins at {begin:g} s: what came before is not in it, nor what the parts "
-            "remembered of it, so a replay may differ"
+            f"the record begins at {begin:g} s: earlier inputs, and the states that components "
+            "had reached, are not in it, so a replay may differ"
         )
     end = seconds(int(timeline.stamps[-1]))
     if cut:
@@ -199,7 +199,7 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
     elif end_ns and timeline.stamps[-1] < end_ns:
         warnings.append(
             f"the record ends at {end:.12g} s, before the plant's duration of {duration:.12g} s: "
-            "what was scheduled after its end is not told"
+            "events scheduled after its end are not in it"
         )
     return RunRecord(
         source=printable(str(bag.path)),
@@ -289,7 +289,7 @@ def _only_namespace(bag: Bag, names: Mapping[Topic, str]) -> str:
         return ""
     raise BagError(
         f"{bag.path} is no run of this package; it holds {_held(bag)}{_flaws(bag)}; "
-        "which topic carries what of a run can be told (--topic attitude=/imu/data)"
+        "say which topic carries which quantity (such as --topic attitude=/imu/data)"
     )
 
 
@@ -324,7 +324,7 @@ def _of_others(parameters: Mapping[str, Mapping[str, Any]]) -> set[Topic]:
 
 
 def _wrong_type(topic: Topic, msgtype: str) -> str:
-    return f"it is {msgtype}; allowed: {', '.join(carriers(topic))}"
+    return f"its type is {msgtype}; allowed: {', '.join(carriers(topic))}"
 
 
 def _flaws(bag: Bag) -> str:

@@ -86,7 +86,7 @@ def _cut(folder: Path) -> Bag:
     bag = Bag(folder)
     if len(bag.files) != 1 or bag.files[0].suffix not in STORAGES:
         names = ", ".join(file.name for file in bag.files)
-        raise BagError(f"{folder} has {names}; only a bag of one plain file can be recovered")
+        raise BagError(f"{folder} has {names}; allowed: one file .mcap or .db3")
     for _ in bag.blocks():
         pass
     if not bag.flaws:
@@ -130,7 +130,7 @@ def _replace(cut: Bag, folder: Path, work: Path) -> Recovery:
     (finished,) = (file for file in copy.iterdir() if file.suffix in STORAGES)
     target = folder / finished.name
     if target != original and os.path.lexists(target):
-        raise BagError(f"{target} is in the way of the recovered file, and not of this bag")
+        raise BagError(f"{target} exists already and is not of this bag: move or delete it")
     finished.replace(target)
     if target != original:
         original.unlink()

@@ -77,7 +77,7 @@ class SqliteSource:
         self._held = self._size = 0
         self._is_settled = finished  # nobody writes it any more
         if path.stat().st_size == 0:
-            raise BagError(f"{path} holds nothing")
+            raise BagError(f"{path} is an empty file")
         self._database = self._open(finished)
         try:
             ((encoding,),) = self._database.execute("PRAGMA encoding")
@@ -124,7 +124,7 @@ class SqliteSource:
         SQLite joins them, which costs less than rows. The sizes are fetched first: in a forged file
         all messages may hold the same large part.
         """
-        where = "" if last == _BELOW_ALL_IDS else f" behind message {last}"
+        where = "" if last == _BELOW_ALL_IDS else f" after message {last}"
         behind = f"FROM messages WHERE id > {last} AND {which} ORDER BY id LIMIT"
         numbers = [
             _integers(text or "")
@@ -222,7 +222,7 @@ def _integers(text: str) -> Integers:
 
 def _told(error: Exception) -> str:
     # A MemoryError says nothing.
-    return shortened(error) or "a row claims more than there is memory"
+    return shortened(error) or "a row claims more memory than there is"
 
 
 def _connect(path: Path, immutable: bool) -> sqlite3.Connection:
@@ -256,7 +256,7 @@ def _demand_table(database: sqlite3.Connection, table: str) -> None:
         raise ValueError(f"table {table} has no column {', '.join(sorted(lacking))}")
     for name, (_, _, kind, _, default, key, hidden) in columns.items():
         if hidden or default is not None or (name == "id" and (kind, key) != ("INTEGER", 1)):
-            raise ValueError(f"column {name} of table {table} is none of rosbag2's")
+            raise ValueError(f"column {name} of table {table} is not declared as rosbag2 does")
 
 
 def _bytes_of_torn_page(path: Path) -> int:
@@ -337,7 +337,7 @@ def _settled(path: Path, folder: Path, *, journals: bool) -> Path:
     ):
         database.execute("PRAGMA journal_mode=DELETE")
     if target.stat().st_size > most:
-        raise BagError(f"what was left half done beside {path} claims more than its {most} bytes")
+        raise BagError(f"the journal beside {path} would make it larger than {most} bytes")
     os.truncate(target, target.stat().st_size - _bytes_of_torn_page(target))
     return target
 
@@ -361,6 +361,6 @@ def settle(path: Path, folder: Path) -> None:
         if _is_half_done(path):
             _settled(path, folder, journals=True).replace(path)
     except sqlite3.Error as error:
-        raise BagError(f"{path} cannot be settled: {error}") from error
+        raise BagError(f"the unfinished transaction of {path} cannot be undone: {error}") from error
     for suffix in (_JOURNAL, _WAL, _INDEX_OF_WAL):
         path.with_name(path.name + suffix).unlink(missing_ok=True)

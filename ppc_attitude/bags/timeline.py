@@ -133,7 +133,8 @@ def align(
         if absent and not topic.late:
             missing[topic.name] = absent
         if strays:
-            warnings.append(f"{strays} messages of {topic.name} have no stamp of the plant's")
+            told = f"{strays} messages of {topic.name} have stamps that no state of the plant has"
+            warnings.append(f"{told}: left out")
     return Timeline(
         stamps, columns, missing, frozenset(topic.column for topic in held), tuple(warnings), begun
     )
@@ -166,11 +167,11 @@ def _hold(series: dict[Topic, Series], master: Topic, warnings: list[str]) -> fr
         if place.size:
             oldest = seconds(int((stamps[begun] - messages.stamps[place]).max()))
             told = (
-                f"{topic.name} has stamps of its own: at each instant of {master.name} the latest "
-                f"message counts, at most {oldest:g} s old"
+                f"{topic.name} has stamps of its own: at each instant of {master.name} its latest "
+                f"message is used, which is at most {oldest:g} s old"
             )
             between = len(messages.stamps) - 1 - np.count_nonzero(np.diff(place))
-            warnings.append(f"{told}; {between} others count at none" if between else told)
+            warnings.append(f"{told}; {between} others are not used" if between else told)
         else:
             warnings.append(f"{topic.name} begins after the last instant of {master.name}")
         series[topic] = Series(stamps[begun], messages.values[place], messages.arrival[place])

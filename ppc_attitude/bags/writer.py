@@ -131,7 +131,7 @@ class BagWriter:
                 )
             except (TypesysError, KeyError) as error:
                 raise BagError(
-                    f"{shortened(msgtype)!r}, the type of {topic}, is not in Jazzy"
+                    f"{shortened(msgtype)!r}, the type of {topic}, is no type of ROS 2 Jazzy"
                 ) from error
 
     def write(self, topic: str, receive_time_ns: int, data: bytes) -> None:

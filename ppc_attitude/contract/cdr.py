@@ -245,7 +245,7 @@ def _joint_layout(data: bytes, topic: Topic) -> tuple[str, int, int]:
         at = start + 8 * count
     if count != joints.number:
         raise CdrError(
-            f"a {topic.msgtype} for {count} joints; allowed: {joints.number}, one a {joints.part}"
+            f"a {topic.msgtype} for {count} joints; allowed: {joints.number}, one per {joints.part}"
         )
     if at > len(data):
         raise CdrError(f"{len(data)} bytes are too few for a {topic.msgtype}")

@@ -86,7 +86,7 @@ def _measure(text: str) -> None:
     for event in yaml.parse(text, _FAST):
         if isinstance(event, yaml.AliasEvent):
             if event.anchor not in sizes:
-                raise ValueError(f"*{event.anchor} stands before the end of what it means")
+                raise ValueError(f"*{event.anchor} is used before the end of &{event.anchor}")
             size += sizes[event.anchor]
         elif isinstance(event, yaml.ScalarEvent):
             if (event.implicit[0] or event.tag) and _NUMBER.fullmatch(event.value):
@@ -105,7 +105,7 @@ def _measure(text: str) -> None:
 
 def _demand_size(size: int) -> None:
     if size > LARGEST:
-        raise ValueError(f"it unfolds into {size} characters, allowed are {LARGEST}")
+        raise ValueError(f"with its aliases it has {size} characters, allowed are {LARGEST}")
 
 
 def _demand_depth(depth: int) -> None:
@@ -126,7 +126,7 @@ def _demand_harmless(content: Any, file: str) -> None:
         for each in content:
             _demand_harmless(each, file)
     elif isinstance(content, str) and _STEERING.search(content):
-        raise ConfigurationError(f"{file}: control characters in {content!r}")
+        raise ConfigurationError(f"{file}: control characters in {content!r}; allowed: none")
 
 
 class _Loader(_FAST):  # type: ignore[misc]  # PyYAML carries no types
@@ -149,7 +149,7 @@ def _demand_different_keys(node: Any) -> None:
             _demand_different_keys(value)
             if isinstance(key, yaml.ScalarNode):
                 if key.value in seen:
-                    raise ValueError(f"{key.value} stands again in line {key.start_mark.line + 1}")
+                    raise ValueError(f"{key.value} is repeated in line {key.start_mark.line + 1}")
                 seen.add(key.value)
 
 
@@ -172,6 +172,6 @@ def read(path: Path, kind: str) -> Any:
     except OSError as error:
         raise ConfigurationError(f"{kind} {path}: {error.strerror}") from None
     except ValueError as error:
-        raise ConfigurationError(f"{kind} {path} is not YAML: {error}") from None
+        raise ConfigurationError(f"{kind} {path} cannot be read as YAML: {error}") from None
     _demand_harmless(content, f"{kind} {path}")
     return content

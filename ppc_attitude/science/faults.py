@@ -201,7 +201,7 @@ def see_that_parts_exist(values: Mapping[str, Any], parts: Parts) -> None:
     for text in fault_texts(values):
         if text.split()[0] not in parts:
             raise ConfigurationError(
-                f"{FAULTS.name}: {text!r}: this craft has no part {text.split()[0]} that fails; "
+                f"{FAULTS.name}: {text!r}: no selected component has a part {text.split()[0]}; "
                 f"allowed: {', '.join(parts) or 'none'}"
             )
 
@@ -259,8 +259,8 @@ def _failure(
         )
     if how.multiplies and not any(values[name] for name in how.multiplies):
         raise ConfigurationError(
-            f"{FAULTS.name}: {text!r}: it multiplies {' and '.join(how.multiplies)}, "
-            "which is 0; allowed: where it is more"
+            f"{FAULTS.name}: {text!r}: {fault.kind} multiplies "
+            f"{' and '.join(how.multiplies)}, which is 0; allowed: only where that is > 0"
         )
     return how
 

@@ -237,9 +237,9 @@ class Diagram:
                 )
             if place > start and kind is not PLANTS:
                 raise ConfigurationError(
-                    f"{kind.selector} = {component.name} reads {column.name}, which is given "
-                    "later in the instant; allowed: columns that are given earlier, such as one in "
-                    "which the plant gives what it reads, the value of the instant before"
+                    f"{kind.selector} = {component.name} reads {column.name}, which is computed "
+                    "later in the step; allowed: columns that are computed before it; a plant can "
+                    "give such a column's value of the step before as a column of its own"
                 )
         return self._places_of(component.inputs)
 

@@ -121,7 +121,7 @@ def replay(record: RunRecord) -> Replay:
         missing = tuple(dict.fromkeys((unknown, *_missing(record))))
         return Replay(None, others, missing, left_out)
     if CONTROLLER not in record.parameters:
-        raise ConfigurationError(f"{record.source}: the parameters of {CONTROLLER} are not in it")
+        raise ConfigurationError(f"{record.source} has no parameters of {CONTROLLER}")
     law = CONTROLLERS.components[record.controller]
     try:
         of_law = _replayed(record, CONTROLLERS, law, (TORQUE_COMMAND,))
@@ -175,13 +175,13 @@ def _see_that_it_can_be_played(
     waits = record.parameters.get(PLANT, {}).get("lockstep", False)
     if NODE_OF[kind.name] == PLANT and kind is not SENSORS and not waits:
         raise ConfigurationError(
-            "the plant ran free, so that no stamp tells what it had got by then"
+            "the plant ran free (lockstep = false): no stamp tells which inputs a step had"
         )
     check_slots(component)
     for column in component.inputs:
         if column.late and _is_astray(record, columns[column.name], NODE_OF[kind.name]):
             raise ConfigurationError(
-                f"{column.topic} came at other times than {component.name} says"
+                f"{column.topic} came at other times than parameters of {NODE_OF[kind.name]} say"
             )
 
 
@@ -240,7 +240,7 @@ def _replayed(
         if not column.late:
             complete &= np.isfinite(columns[column.name]).all(axis=1)
     if not complete.any():
-        raise ConfigurationError("no instant has all inputs and a command")
+        raise ConfigurationError("no instant has all inputs and all outputs on record")
     stamps = record.stamps_ns[complete]
     samples = _computed(record, kind, component, stamps, read[:, complete], compared)
     name, largest, k = compared[0].name, 0.0, 0
@@ -260,8 +260,8 @@ def _replayed(
             name, largest, k = given, float(difference[worst]), worst
     if largest and (lacking := sorted(component.defaults.keys() - values.keys())):
         raise ConfigurationError(  # as with a record of another version of it
-            f"it gives {name} that differs by up to {largest:.3g}, with defaults of "
-            f"{', '.join(lacking)}, of which no value that it may have is on record"
+            f"{name} differs by up to {largest:.3g}, with the defaults of {', '.join(lacking)}, "
+            "because the record has no allowed value of them"
         )
     return Difference(
         component.name,

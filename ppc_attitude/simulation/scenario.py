@@ -208,7 +208,7 @@ def scenario(chosen: Overrides) -> Scenario:
         except ConfigurationError as error:  # the cause may be that nothing gives its inputs
             lacking = map(not_given, _absent(parameters, node))
             more = [told for told in lacking if told not in str(error)]
-            raise ConfigurationError("; it reads ".join([str(error), *more[:1]])) from None
+            raise ConfigurationError(f"; {node} reads ".join([str(error), *more[:1]])) from None
     found = Scenario(parameters)
     _check_agreement(parameters)
     _check_allocation(parameters)
@@ -232,8 +232,8 @@ def check_exchange(parameters: Overrides) -> None:
         for column in read_from_elsewhere(components_of(node, parameters[node])):
             if column.late and node != ESTIMATOR:
                 raise ConfigurationError(
-                    f"{node}: its components read {column.name}, which comes late; allowed between "
-                    "nodes: an estimator that reads it; simulate can run it"
+                    f"{node}: its components read {column.name}, which comes late; between nodes "
+                    "only an estimator may read it; `ppc_attitude simulate` can run this"
                 )
             if column in absent:
                 raise ConfigurationError(f"{node}: its components read {not_given(column)}")
@@ -241,7 +241,7 @@ def check_exchange(parameters: Overrides) -> None:
                 raise ConfigurationError(
                     f"{node}: its components read {column.name}, which no node sends (the truth is "
                     f"sent where sensors or noise differ from it, or with {SEND_TRUTH.name} of "
-                    f"{PLANT}); simulate can run it"
+                    f"{PLANT}); `ppc_attitude simulate` can run this"
                 )
 
 
@@ -262,8 +262,8 @@ def _check_agreement(parameters: Overrides) -> None:
             first, value = told.setdefault(name, (node, values[name]))
             if values[name] != value:
                 raise ConfigurationError(
-                    f"{node}: {name} = {values[name]}; allowed: {value}, which {first} has "
-                    "(under /** a file sets it in all nodes)"
+                    f"{node}: {name} = {values[name]}; allowed: {value}, as in {first}, because "
+                    "nodes must agree (under /** a file sets it in all nodes)"
                 )
 
 
@@ -277,7 +277,7 @@ def _check_allocation(parameters: Overrides) -> None:
                 would = " or ".join(f"{ACTUATORS.selector} = {name}" for name in takers)
                 raise ConfigurationError(
                     f"{ALLOCATOR}: {component.name} gives {column.name}, which no selected "
-                    f"component reads; {would} would"
+                    f"component reads; {would} would read it"
                 )
 
 
@@ -367,7 +367,7 @@ def load(paths: Sequence[Path | str], overrides: Overrides | None = None) -> Sce
                 break
         else:
             raise
-        since = f"it is so from configuration file {paths[count]} on"
+        since = f"the error begins with configuration file {paths[count]}"
         raise ConfigurationError(f"{error}; {since}") from None
 
 

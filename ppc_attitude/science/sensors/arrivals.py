@@ -43,15 +43,14 @@ def check_slots(component: Component) -> None:
     if len(late) > 1:
         raise ConfigurationError(
             f"{component.name} reads {', '.join(each.name for each in late)}, which come late; "
-            "allowed between nodes: one column that does; simulate can run it"
+            "allowed between nodes: one such column; `ppc_attitude simulate` can run this"
         )
     for column in late:
         if lacking:
             raise ConfigurationError(
                 f"{component.name} reads {column.name}, which comes late, and has no parameter "
-                f"{', '.join(lacking)}; allowed between nodes: what comes late as "
-                f"{', '.join(each.name for each in _SAY_WHEN)} of the estimator say; simulate can "
-                "run it"
+                f"{', '.join(lacking)}, which say when it comes between nodes; "
+                "`ppc_attitude simulate` can run this"
             )
 
 
