@@ -202,9 +202,9 @@ def test_the_momentum_of_a_craft_that_changes_in_flight_is_that_of_what_it_becam
 @pytest.mark.parametrize(
     ("plant", "told"),
     [
-        ({"wheels.max_torque": [0.04]}, "certain torque of the wheels = 0.0"),
-        ({"wheels.static": [3e-3]}, "N·m and the wheels' rest 0.0"),
-        ({"wheels.inertia": [8e-3]}, "the craft's inertia is 0.00"),
+        ({"wheels.max_torque": [0.04]}, "guaranteed torque of the wheels = 0.0"),
+        ({"wheels.static": [3e-3]}, "N·m and the wheels' residual 0.0"),
+        ({"wheels.inertia": [8e-3]}, "relative error of the inertia = 0.00"),
         (
             {
                 "flexible.frequency": [0.35],

@@ -98,12 +98,12 @@ def test_a_wish_is_told_what_it_needs_at_best_and_what_that_leaves(cubesat: Scen
     assert found["time to turn"].value == pytest.approx(needs)
     assert found["time to turn"].meaning == (
         "an error of 0.1 deg from rest at 120° needs 28.4 s at least about its eigenaxis, "
-        "with 0.002 N·m on an axis and within 5 deg/s; you ask 90 s, which leaves 61.6 s"
+        "with 0.002 N·m on an axis and within 5 deg/s; the requirement is 90 s, which leaves 61.6 s"
     )
     assert found["time of the law"].holds
     hasty = conditions(cubesat, replace(TENTH, settling_deadline=60.0), THIRD)["time of the law"]
     assert (hasty.holds, hasty.necessary) == (False, False)
-    assert "you ask 60 s, which is 25.4 s too few" in hasty.meaning
+    assert "the requirement is 60 s, which is 25.4 s too few" in hasty.meaning
     weak = cubesat.with_values(CONTROLLER, k=1e-6)
     never = conditions(weak, TENTH, THIRD)["time of the law"]
     assert not never.holds

@@ -88,7 +88,7 @@ TAKEN = [
     (column(VECTOR, width=2, late=True), (0.0, 0.0)),
 ]
 REFUSED = [
-    (ATTITUDE, (0.0, 0.0, 0.0, 1.1), f"attitude = (0.0, 0.0, 0.0, 1.1); {UNIT}, or zeros where"),
+    (ATTITUDE, (0.0, 0.0, 0.0, 1.1), f"attitude = (0.0, 0.0, 0.0, 1.1); {UNIT}, or zeros if"),
     (column(QUATERNION), NONE, f"given = (0.0, 0.0, 0.0, 0.0); {UNIT}"),
     (
         column(FIX, late=True),

@@ -92,9 +92,11 @@ def test_what_becomes_of_the_goals_is_told() -> None:
     ordered = goals((5.0, "inertial", DESIRED), (10.0, "inertial", STRAIGHT))
     told = goals_told(flight(**ordered, **cones(([0.0, 0.0, 1.0], "0 0 2", 0.1))))
     assert [each.time for each in told] == [5.0, 10.0]
-    assert "inertial frame, turns by 42.71° in 1 leg, there at t = 33.357 s" in told[0].advice.text
+    assert (
+        "inertial frame, turns by 42.71° in 1 leg, arrives at t = 33.357 s" in told[0].advice.text
+    )
     assert told[1].advice.warning
-    assert "order 2 is refused: it is inside keep-out cone 0" in told[1].advice.text
+    assert "order 2 is refused: the goal is inside keep-out cone 0" in told[1].advice.text
     (late,) = goals_told(flight(**goals((5.000000005, "inertial", DESIRED))))
     assert late.time == pytest.approx(5.05), "the first step from its nanosecond on"
     assert goals_told(scenario({})) == []
@@ -127,7 +129,7 @@ def test_orders_before_the_begin_act_at_the_begin() -> None:
     # No attitude yet: nothing begins.
     assert part.step(2_000_000_000, [0.0] * 4) == (*STRAIGHT, *[0.0] * 6)
     part.step(7_000_000_000, START)
-    assert "there at t = 35.357 s" in part.advice.text
+    assert "arrives at t = 35.357 s" in part.advice.text
 
 
 @pytest.mark.parametrize(
@@ -136,7 +138,7 @@ def test_orders_before_the_begin_act_at_the_begin() -> None:
         ({"goals__times": [1.0]}, "goals.times has 1 values, goals.attitudes 0"),
         (
             {"goals__times": [2.0, 1.0], "goals__attitudes": [*STRAIGHT, *STRAIGHT]},
-            r"goals.times = \[2.0, 1.0\]; allowed: none before the last",
+            r"goals.times = \[2.0, 1.0\]; allowed: none before its predecessor",
         ),
         (
             {"goals__times": [1.0], "goals__attitudes": [1.0, 1.0, 0.0, 0.0]},

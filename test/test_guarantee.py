@@ -316,8 +316,12 @@ def broken(scenario: Scenario) -> list[str]:
         (PLANT, {"max_torque": 0.04}, "max_torque = 0.04"),
         (PLANT, {"min_torque": 2e-4}, "min_torque = 0.0002"),
         (PLANT, {"late_command": True}, "late_command = true; assumed"),
-        (PLANT, {"rate_noise": 1e-6}, "the told rate is wrong by up to 5e-06 rad/s"),
-        (PLANT, {"inertia": [2.9, 0, 0, 0, 2.5, 0, 0, 0, 1.9]}, "inertia is 0.0357 off"),
+        (PLANT, {"rate_noise": 1e-6}, "the rate that the law reads is wrong by up to 5e-06 rad/s"),
+        (
+            PLANT,
+            {"inertia": [2.9, 0, 0, 0, 2.5, 0, 0, 0, 1.9]},
+            "error of the inertia = 0.0357; assumed",
+        ),
         (REFERENCE, {"amplitude": [0.014, 0.0, 0.0]}, "the reference reaches 0.014"),
     ],
 )
@@ -331,10 +335,13 @@ def test_a_scenario_outside_the_assumptions_is_named(
 @pytest.mark.parametrize(
     ("overlays", "told"),
     [
-        (["sensors_flagship"], "the told attitude is wrong by up to 0.0001939 rad (5 σ)"),
+        (
+            ["sensors_flagship"],
+            "the attitude that the law reads is wrong by up to 0.0001939 rad (5 σ)",
+        ),
         (["sensors_smallsat", "sensors_uncalibrated"], "the filter's covariance does not contain"),
         (["flexible"], "plant = flexible: whether it keeps the assumed bounds is not known"),
-        (["wheels"], "certain torque of the wheels = 0.0482"),
+        (["wheels"], "guaranteed torque of the wheels = 0.0482"),
     ],
 )
 def test_hardware_that_was_not_assumed_is_named(overlays: list[str], told: str) -> None:

@@ -141,7 +141,7 @@ def test_a_reference_that_is_started_again_is_flown_and_replayed_anew(record: Ru
 def test_a_refused_order_is_no_run_that_meets_all(record: RunRecord) -> None:
     row = verdict_on(record, "refused_orders")
     assert (row.value, row.met) == (1.0, False)
-    assert row.reason.startswith("order 3 is refused: it is inside keep-out cone 0")
+    assert row.reason.startswith("order 3 is refused: the goal is inside keep-out cone 0")
     # The next order of its instant is followed, and tells nothing of it.
     both = goals((1.0, "spin", STRAIGHT), (1.0, "inertial", STRAIGHT))
     twice = flight(**both, spin__rate=0.05)

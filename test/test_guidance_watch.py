@@ -58,7 +58,7 @@ def test_cone_that_comes_is_warned_of_before_it_is_there_and_called_off_after() 
     assert entered == pytest.approx(inside[0], abs=0.3)  # J2
     assert 59.0 <= entered - ahead <= 60.0
     assert not over
-    assert last == "what was warned of is over"
+    assert last == "the cause of the last warning is over"
     assert inside[-1] - 0.3 <= after <= inside[-1] + 1.3
     assert not said(part_of(**cones(coming)), [0.0, 600.0])  # it came and went between two steps
 
@@ -77,7 +77,9 @@ def test_attitude_that_begins_inside_a_cone_is_warned_of_at_once() -> None:
     assert first == (0.0, "the desired motion is inside keep-out cone 0", True)
     assert "it begins inside keep-out cone 0 and is led out" in order[1]
     assert order[2]
-    assert [(text, warning) for _, text, warning in rest] == [("what was warned of is over", False)]
+    assert [(text, warning) for _, text, warning in rest] == [
+        ("the cause of the last warning is over", False)
+    ]
 
 
 def test_cone_that_is_widened_in_flight_is_looked_for_anew() -> None:
@@ -157,13 +159,13 @@ def profile(*points: list[float]) -> dict[str, Any]:
         pytest.param(
             [1.0, 0.0, 0.0, 0.0],
             {**goals((0.0, "inertial", STRAIGHT)), **cones(([0.0, 0.6, 0.8], "0 0 1", 1.0))},
-            "it is inside keep-out cone 0, 36.87° from its direction; allowed: at least 57.30°",
+            "goal is inside keep-out cone 0, 36.87° from its direction; allowed: at least 57.30°",
             id="goal in a cone",
         ),
         pytest.param(
             *ring(),
             # z turns about x, over the cone that stands at −y.
-            "no way to it keeps all keep-out cones; the direct one crosses keep-out cone 6",
+            "no path to the goal avoids all keep-out cones; the direct one crosses keep-out cone 6",
             id="closed",
         ),
         pytest.param(
@@ -176,7 +178,7 @@ def profile(*points: list[float]) -> dict[str, Any]:
         pytest.param(
             STRAIGHT,
             profile([5.0, 1.0, 0.0, 0.0, 0.0], [500.0, *STRAIGHT]),
-            "the slew to its first point ends at t = 97.000 s, after that point's 5.000 s",
+            "the slew to the first point ends at t = 97.000 s, after that point's 5.000 s",
             id="late",
         ),
         pytest.param(
@@ -185,13 +187,13 @@ def profile(*points: list[float]) -> dict[str, Any]:
                 **profile([5.0, *STRAIGHT], [86401.0, *STRAIGHT]),
                 **cones(([0.0, 0.0, 1.0], "nadir", 0.1)),
             },
-            "its last point is at t = 86401.000 s; allowed with keep-out cones: up to 86400.000 s",
+            "the last point is at t = 86401.000 s; allowed with keep-out cones: up to 86400.000 s",
             id="far",
         ),
         pytest.param(
             STRAIGHT,
             profile([5.0, *STRAIGHT], [9.0, 0.6, 0.0, 0.0, 0.8]),
-            "the way on from its point at t = 5.000 s needs",
+            "the path on from the point at t = 5.000 s needs",
             id="fast",
         ),
         pytest.param(
@@ -209,7 +211,7 @@ def profile(*points: list[float]) -> dict[str, Any]:
         pytest.param(
             STRAIGHT,
             {**goals((0.0, "nadir", STRAIGHT)), "guidance.max_rate": 1e-3},
-            "that keeps guidance.max_rate = 0.001 rad/s while its frame turns too; raise",
+            "that keeps guidance.max_rate = 0.001 rad/s while the goal's frame turns too; raise",
             id="fast frame",
         ),
         pytest.param(
@@ -219,7 +221,7 @@ def profile(*points: list[float]) -> dict[str, Any]:
                 **profile([5.0, *STRAIGHT], [90.0, 0.6, 0.0, 0.0, 0.8]),
                 **cones(([0.0, 0.0, 1.0], "0 -1 1", 0.1)),
             },
-            "crosses keep-out cone 0 at t = 49.0 s; try another time or another way",
+            "crosses keep-out cone 0 at t = 49.0 s; try another time or another path",
             id="through",
         ),
     ],

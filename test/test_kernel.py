@@ -288,7 +288,7 @@ def test_kernels_that_have_no_place_are_refused_with_the_way_out(tmp_path: Path,
         command, cwd=tmp_path, env=environment, text=True, capture_output=True, check=False
     )
     assert ended.returncode == 2, ended.stderr
-    assert f"compiled kernels have no place: neither {blocked}" in ended.stderr
+    assert f"compiled kernels cannot be saved: neither {blocked}" in ended.stderr
     assert ended.stderr.endswith("set NUMBA_CACHE_DIR to one that can\n")
 
 
@@ -318,6 +318,6 @@ def test_a_full_cache_is_told_with_its_folder(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(CacheFile, "_save_data", fill)
-    told = f"no place in {re.escape(str(tmp_path))}: No space left on device; set NUMBA_CACHE_DIR"
+    told = f"saved in {re.escape(str(tmp_path))}: No space left on device; set NUMBA_CACHE_DIR"
     with pytest.raises(ConfigurationError, match=told):
         CacheFile(str(tmp_path), "step", source_stamp=0).save("key", b"machine code")

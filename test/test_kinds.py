@@ -28,9 +28,9 @@ NONE = {
 }
 MISFITS = {
     "controllers": {
-        "other_column": "left out: its column attitude has form = 'vector', another's 'quaternion'",
-        "other_topic": "left out: its column mine has a topic of others, torque_command",
-        "clock": "left out: its column mine has a topic of others, clock",
+        "other_column": "left out: its column attitude has form = 'vector'; allowed: 'quaternion'",
+        "other_topic": "left out: its column mine has topic = 'torque_command'",
+        "clock": "left out: its column mine has topic = 'clock'",
         "illegal": "topic = 'bad topic!'; allowed",
         "absolute": "topic = '/mine'; allowed",
         "boundless": "left out: its column mine has bound = 'attitude_envelop'; allowed: another",
@@ -53,9 +53,9 @@ MISFITS = {
         "of_ros": "left out: ppc_controller has another parameter use_sim_time than of_ros",
         "selector": "has another parameter controller than selector; allowed: one that is declared",
         "of_front": "left out: ppc_controller has another parameter max_torque than of_front",
-        "in_degrees": "left out: its column angular_velocity has unit = 'deg/s', another's 'rad/s'",
+        "in_degrees": "left out: its column angular_velocity has unit = 'deg/s'; allowed: 'rad/s'",
         "two": "left out: ppc_controller has another parameter z than two",
-        "plain": "left out: component plain: step is no kernel: <function",
+        "plain": "left out: component plain: step = <function",
         "no_default": "left out: z = None; allowed: finite",
         "beyond": "left out: z = 3; allowed: an integer, ≥ -9223372036854775807, ≤ 1",
         "vast": "left out: z = 1180591620717411303424; allowed: an integer, ≥ -92",
@@ -66,10 +66,10 @@ MISFITS = {
     },
     "plants": {
         "first": "",
-        "reader": "left out: its column asked has unit = 'm', another's '1'",
+        "reader": "left out: its column asked has unit = 'm'; allowed: '1'",
     },
     "sensors": {
-        "second": "left out: its column pair has unit = 'm', another's '1'",
+        "second": "left out: its column pair has unit = 'm'; allowed: '1'",
         "of_kind": "left out: spacecraft_plant has another parameter max_torque than of_kind",
     },
     "actuators": {"no_limit": "it has no parameter nowhere"},
@@ -106,7 +106,7 @@ def test_what_is_no_part_or_cannot_be_beside_the_others_is_left_out_and_breaks_n
             of_it = f"Warning: entry point {name} = misfits:{name} of ppc_attitude.{kind}"
             told = [line for line in warned if of_it in line]
             assert [problem in line for line in told] == [True] * bool(problem), told
-    for point, problem in {**NONE, "share =": "share does not give truth_attitude"}.items():
+    for point, problem in {**NONE, "share =": "share lacks the outputs truth_attitude"}.items():
         assert [problem in line for line in warned if point in line] == [True], point
     assert "share" not in kept
     assert "ppc" in kept

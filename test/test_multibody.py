@@ -279,15 +279,15 @@ def test_momentum_is_exchanged_and_never_made(seed: int) -> None:
 @pytest.mark.parametrize(
     ("changed", "reason"),
     [
-        ({"wheels.axes": [1.0, 0.0, 0.0]}, "span space"),
+        ({"wheels.axes": [1.0, 0.0, 0.0]}, "do not all lie in one plane"),
         ({"wheels.axes": [0.0] * 9}, "longer than 1e-6"),
         ({"wheels.axes": [1.0, 0.0, 0.0] * 9}, "up to 8 axes"),
         ({"wheels.inertia": [1e-3, 1e-3]}, "2 values; allowed: 1, or 4"),
         ({"wheels.initial_speed": [700.0]}, "at most wheels.max_speed"),
         ({"wheels.static": [1e-4]}, "at least wheels.coulomb"),
-        ({"wheels.max_torque": [1e-3]}, "more than its friction"),
+        ({"wheels.max_torque": [1e-3]}, "more than its largest friction"),
         ({"wheels.transition_speed": [1e-3]}, "by a larger wheels.transition_speed, or rate"),
-        ({"wheels.inertia": [5.0]}, "is less than that of its wheels"),
+        ({"wheels.inertia": [5.0]}, "more than that of the wheels"),
         (  # 0.9 of the speed of wheels on a stand; three quarters of the craft turn back
             {
                 "wheels.axes": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
@@ -298,7 +298,7 @@ def test_momentum_is_exchanged_and_never_made(seed: int) -> None:
                 "wheels.max_torque": [1e6],
                 "inertia": [2.5, 0.0, 0.0, 0.0, 2.5, 0.0, 0.0, 0.0, 2.5],
             },
-            "friction takes 3.6 times the speed of such wheels on a craft of inertia",
+            "friction takes 3.6 times the speed of such wheels on a spacecraft of inertia",
         ),
         ({"flexible.frequency": [0.5]}, "as many of each"),
         (

@@ -53,7 +53,7 @@ def test_a_warning_and_its_end_are_told_at_the_instant_at_which_a_node_tells_the
     assert told == asked_at_each(scenario, stamps_ns)
     assert told == [
         (41.0, "wheel 2 lost: the others give the torque"),
-        (46.0, "wheels 1, 2 lost: the others give torque in a plane only"),
+        (46.0, "wheels 1, 2 lost: the others give torque in one plane only"),
         (47.0, "wheel 2 lost: the others give the torque"),
         (50.0, "no wheel is lost any more"),
     ]
@@ -65,7 +65,7 @@ def test_a_part_that_warns_all_the_time_is_heard_ten_times() -> None:
     (*first, last), every = told, asked_at_each(scenario, stamps_ns)
     assert len(told) == 10 < len(every)
     assert first == every[:9]
-    assert last == (every[9][0], f"{every[9][1]}; what momentum_tube says later is left out")
+    assert last == (every[9][0], f"{every[9][1]}; later advice of momentum_tube is left out")
 
 
 @pytest.mark.parametrize("command", [["simulate"], ["campaign", "--only", "3", "--campaign"]])

@@ -97,20 +97,20 @@ def test_of_a_hit_that_may_not_be_seen_no_time_is_promised() -> None:
     assumed, law = guaranteed()
     envelope = Envelope(Bounds(assumed, law, FLOATS, COARSE))
     assert envelope.recovery(0.16, 0.1, 5e-3) < 5.0
-    with pytest.raises(ValueError, match=r"is promised of less than 0\.153 N·m"):
+    with pytest.raises(ValueError, match=r"is promised only of hits above 0\.153 N·m"):
         envelope.recovery(0.15, 0.1, 5e-3)
     # Of a tube that is narrow for its sample a torque leads out that the own actuator explains. The
     # law then takes that for weak, and counts on less of it, which makes the recovery longer.
     quiet = replace(assumed, d=2e-4, W=1e-3, W1=1e-5, W2=1e-7)
     narrow = tuned(quiet, 0.05, (0.1, 4.0, 1.0), COARSE)
     assert max(narrow.Y) / 0.05 + 4.0 * max(narrow.Y) + 3.0 * 2e-4 < 0.007
-    with pytest.raises(ValueError, match=r"is promised of less than 0\.051\d N·m"):
+    with pytest.raises(ValueError, match=r"is promised only of hits above 0\.051\d N·m"):
         Envelope(Bounds(quiet, narrow, FLOATS, COARSE)).recovery(0.05, 0.1, 5e-3)
 
 
 def test_of_a_hit_that_may_make_the_craft_tumble_no_time_is_promised() -> None:
     envelope = Envelope(Bounds(*guaranteed(), FLOATS, COARSE))
-    with pytest.raises(ValueError, match="may make the craft tumble: it may gain"):
+    with pytest.raises(ValueError, match="may make the spacecraft tumble: it may gain"):
         envelope.recovery(1.0, 1.0, 5e-3)
 
 

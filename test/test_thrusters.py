@@ -268,7 +268,7 @@ def test_where_threes_cost_the_same_the_slower_one_counts() -> None:
     [
         (pushing(np.vstack([np.eye(3), -np.eye(3)[:2]])), r"about \[.*-1.0\]"),
         (pushing(np.vstack([np.eye(3)[:2], -np.eye(3)[:2]])), r"about \[.*1.0\]"),
-        ({"positions": [], "directions": []}, "no thruster turns the craft about"),
+        ({"positions": [], "directions": []}, "no thruster gives torque about"),
         ({"force": [0.1, 0.2]}, "has 8 thrusters, .* 2; allowed: as many"),
         ({"directions": [0.0, 0.0, 1.0]}, "thrusters.directions 1,"),
         ({"positions": [1.0] * 51, "directions": [1.0] * 51}, "at most 16"),

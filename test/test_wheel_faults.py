@@ -201,8 +201,11 @@ def test_two_of_four_give_the_part_in_their_plane_and_the_drive_calls_that_a_fai
         assert np.abs(torque - plane @ command).max() < 1e-15
         assert not motors[[0, 3]].any()
     assert part.advice.failed
-    assert part.advice.text == "wheels 0, 3 lost: the others give torque in a plane only"
-    for lost, told in ((3, "the others give torque in a line only"), (4, "none gives torque")):
+    assert part.advice.text == "wheels 0, 3 lost: the others give torque in one plane only"
+    for lost, told in (
+        (3, "the others give torque along one line only"),
+        (4, "no other wheel gives torque"),
+    ):
         part = drive(*(f"wheel/{i} effectiveness 0" for i in range(lost)))
         torque, _ = torques(part, [0.01, 0.02, 0.03])
         assert np.isfinite(torque).all()

@@ -181,7 +181,7 @@ def test_fastest_wheel_of_any_array_goes_to_the_null_speed_and_none_stands_that_
 
 
 def test_null_speed_beyond_a_wheels_largest_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match="null_speed = 700 rad/s leads wheel"):
+    with pytest.raises(ConfigurationError, match="null_speed = 700 rad/s brings wheel"):
         drive(wheels__null_speed=700.0)
     drive(wheels__null_speed=700.0, wheels__axes=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
 
@@ -214,7 +214,7 @@ def test_nodes_with_wheels_modes_sensors_and_faults_give_the_bits_of_the_loop(
         run.reaches(0.1)
         changed = [*schedule, "wheel/3 stuck 0.01"]
         assert stack.set_parameter(PLANT, "faults", changed).successful
-        stack.hears(PLANT, "wheels 1, 3 lost: the others give torque in a plane only")
+        stack.hears(PLANT, "wheels 1, 3 lost: the others give torque in one plane only")
         assert stack.health[PLANT]["level"] == "2"
         assert "wheel/1 effectiveness 0; gyro bias 1e-4 0 0" in stack.health[PLANT]["faults"]
         assert run.ends() == 1, run.err

@@ -61,9 +61,11 @@ def _problem(topics: Iterable[Topic], declared: Mapping[str, Topic]) -> str:
         for name, called in _COMMON.items():
             own, other = getattr(topic, name), getattr(known, name)
             if own != other:
-                return f"its column {topic.column} has {called} = {own!r}, another's {other!r}"
+                allowed = f"allowed: {other!r}, as another component declares it"
+                return f"its column {topic.column} has {called} = {own!r}; {allowed}"
         if topic.name in _OF_ALL or columns.setdefault(topic.name, topic.column) != topic.column:
-            return f"its column {topic.column} has a topic of others, {topic.name}"
+            allowed = "allowed: a topic that nothing else has"
+            return f"its column {topic.column} has topic = {topic.name!r}; {allowed}"
     return ""
 
 

@@ -80,7 +80,7 @@ _PLANT = (
     Parameter(
         "command_timeout",
         0.5,
-        "zero torque when the last command or disturbance is older; free-running: a step or more",
+        "age beyond which a command or disturbance counts as zero; free-running: a step or more",
         "s",
         above=0.0,
         high=3600.0,
@@ -93,7 +93,7 @@ _INJECTOR = (
     Parameter(
         "max_injected_torque",
         10.0,
-        "larger injected torques are refused, per axis",
+        "largest injected torque, per axis; a larger one is refused",
         "N·m",
         above=0.0,
         high=1e6,
@@ -115,9 +115,15 @@ _RECORDER = (
     ),
 )
 _MARKERS = (
-    Parameter("update_rate", 20.0, "pictures per second", "Hz", low=0.1, high=1000.0),
+    Parameter("update_rate", 20.0, "marker messages per second", "Hz", low=0.1, high=1000.0),
     Parameter(
-        "position", [0.0, 0.0, 0.0], "where the craft is drawn", "m", length=3, low=-1e6, high=1e6
+        "position",
+        [0.0, 0.0, 0.0],
+        "where the spacecraft is drawn",
+        "m",
+        length=3,
+        low=-1e6,
+        high=1e6,
     ),
     Parameter("torque_scale", 20.0, "length of the torque arrow", "m/(N·m)", above=0.0),
     Parameter(

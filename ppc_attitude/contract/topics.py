@@ -193,7 +193,7 @@ GUIDANCE_STATUS = Topic(
     "guidance/status",
     DIAGNOSTICS,
     source=REFERENCE,
-    meaning="answer to each order, from the stamp on; warnings; where goal and cones are",
+    meaning="answer to each order, from the stamp on; warnings; goal attitude and keep-out cones",
 )
 CLOCK_TOPIC = Topic("/clock", CLOCK, source=PLANT, unit="s", meaning="simulated time")
 DIAGNOSTICS_TOPIC = Topic("/diagnostics", DIAGNOSTICS, meaning="health of every node")
@@ -220,7 +220,7 @@ MARKERS_TOPIC = Topic(
     INERTIAL,
     MARKERS,
     unit="m",
-    meaning="craft, frames, torques, goal and keep-out cones as shapes",
+    meaning="spacecraft, frames, torques, goal and keep-out cones as shapes",
 )
 EVENTS = (
     INJECT,

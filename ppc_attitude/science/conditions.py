@@ -148,7 +148,7 @@ class Task:
             return
         rest = self.deadline - needs
         left = f"which leaves {rest:.3g} s" if rest >= 0.0 else f"which is {-rest:.3g} s too few"
-        asked = f"you ask {self.deadline:g} s"
+        asked = f"the requirement is {self.deadline:g} s"
         meaning = f"{self.wish} needs {needs:.3g} s {who}; {asked}, {left}"
         if math.isinf(needs):
             meaning = f"{self.wish} is not reached within an hour {who}; {asked}"

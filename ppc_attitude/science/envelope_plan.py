@@ -341,7 +341,7 @@ def plan_advice(plan: Any) -> Advice:
     text = (
         f"envelope plan from t = {plan['start']:.3f} s: attitude error {plan['angle_deg']:.2f}°, "
         f"hold {plan['hold']:.2f} s, stretch {plan['stretch']:.3f}, begins "
-        f"{plan['attitude_clock']:.2f} s down its table"
+        f"where the nominal envelope is after {plan['attitude_clock']:.2f} s"
     )
     if plan["feasible"] == 1.0:
         return Advice(text, warning=False)
@@ -349,7 +349,7 @@ def plan_advice(plan: Any) -> Advice:
         text += "; even so slow an envelope cannot be followed: raise k, M_omega or beta"
     else:
         text += (
-            "; the error is not expected to stay inside from here: use envelope: auto, which "
+            "; the error is not expected to stay inside its envelope: use envelope: auto, which "
             "stretches the envelope, or a longer attitude_envelope.settling_time"
         )
     return Advice(text, warning=True)

@@ -50,7 +50,12 @@ MODEL = Parameter(
 )
 PARAMETERS = (*ORBIT_PARAMETERS, MODEL)
 MAGNETIC_FIELD = Column(
-    "magnetic_field", "magnetic_field", VECTOR, BODY, "T", "Earth's magnetic field at the craft"
+    "magnetic_field",
+    "magnetic_field",
+    VECTOR,
+    BODY,
+    "T",
+    "Earth's magnetic field at the spacecraft",
 )
 FIELD = record_type(
     ("degree", np.int64),

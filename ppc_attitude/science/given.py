@@ -48,9 +48,9 @@ _UNIT_TEXT = f"a quaternion of norm 1 within {UNIT_TOLERANCE:g}"
 _ALLOWED = {
     _PLAIN: f"finite numbers of magnitudes up to {LARGEST:g}",
     _UNIT: _UNIT_TEXT,
-    _UNIT_OR_NONE: f"{_UNIT_TEXT}, or zeros where nobody knows it",
+    _UNIT_OR_NONE: f"{_UNIT_TEXT}, or zeros if it is unknown",
     _FIX: f"{_UNIT_TEXT} with variances ≥ 0 and ≤ π² rad², or zeros for it where there is no fix",
-    _GYRO: f"finite numbers, a variance ≥ 0 and ≤ {GYRO_VARIANCE:g} (rad/s)², or −1 of a zero rate",
+    _GYRO: f"finite numbers, a variance ≥ 0 and ≤ {GYRO_VARIANCE:g} (rad/s)², or −1 with zeros",
 }
 
 

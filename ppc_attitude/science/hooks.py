@@ -79,7 +79,7 @@ def _size(given: Any) -> float:
 def _sizes(given: Any) -> tuple[float, float]:
     certain, most = map(_size, given)
     if certain > most:
-        raise ValueError(f"{given!r}; allowed: no more for certain than at most")
+        raise ValueError(f"{given!r}; allowed: a certain torque up to the largest one")
     return certain, most
 
 

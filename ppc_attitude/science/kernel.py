@@ -102,8 +102,8 @@ class CacheFile(caching.IndexDataCacheFile):
             self._save_index({**self._load_index(), key: name})
         except OSError as error:
             raise ConfigurationError(
-                f"compiled kernels have no place in {self._cache_path}: {error.strerror}; "
-                "set NUMBA_CACHE_DIR to a folder that has some"
+                f"compiled kernels cannot be saved in {self._cache_path}: {error.strerror}; "
+                "set NUMBA_CACHE_DIR to a folder that can be written and has room"
             ) from error
 
 
@@ -148,8 +148,8 @@ def open_cache(compiled: Any, module: str) -> None:
             if not str(error).startswith("cannot cache function"):
                 raise
             raise ConfigurationError(
-                f"compiled kernels have no place: neither {folder} nor a folder of the user's own "
-                "can be written; set NUMBA_CACHE_DIR to one that can"
+                f"compiled kernels cannot be saved: neither {folder} nor a folder of the user's "
+                "own can be written; set NUMBA_CACHE_DIR to one that can"
             ) from None
         finally:
             _SETTINGS.CACHE_DIR, _CACHING.IndexDataCacheFile = before

@@ -157,7 +157,7 @@ class Kind:
             raise ConfigurationError(f"the name {component.name} is taken by {owner}")
         absent = [column.name for column in self.gives if column not in component.outputs]
         if absent:
-            raise ConfigurationError(f"{component.name} does not give {', '.join(absent)}")
+            raise ConfigurationError(f"{component.name} lacks the outputs {', '.join(absent)}")
         return component
 
     @property
@@ -190,14 +190,14 @@ class Kind:
 PLANTS = Kind(
     "plants",
     "plant",
-    "the craft's dynamics",
+    "the spacecraft's dynamics",
     ("rigid_body", "flexible", "gyrostat", "gyrostat_rods"),
     TRUTH,
 )
 SENSORS = Kind(
     "sensors",
     "sensors",
-    "the sensors of the craft",
+    "the sensors of the spacecraft",
     ("direct", "gyro_star_tracker"),
     (),
     switch={True: "gyro_star_tracker", False: "direct"},
@@ -290,7 +290,7 @@ def not_given(column: Column) -> str:
         for component in kind.components.values()
         if column in component.outputs
     ]
-    would = f"; {' or '.join(found)} would" if found else ""
+    would = f"; {' or '.join(found)} would give it" if found else ""
     return f"{column.name}, which no selected component gives{would}"
 
 

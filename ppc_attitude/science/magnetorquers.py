@@ -61,7 +61,7 @@ MAX_DIPOLE = Parameter(
 GAIN = Parameter(
     "magnetorquers.gain",
     1e-3,
-    "k: how fast momentum across the field is taken from the wheels",
+    "gain k of unloading: rate at which wheel momentum across the field decays",
     "1/s",
     low=0.0,
     high=0.1,

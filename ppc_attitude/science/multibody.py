@@ -122,8 +122,8 @@ def multibody_record(values: Mapping[str, Any], wheels: Any) -> Any:
     rest = inertia - spin - modes["coupling"].T @ modes["coupling"]
     if np.linalg.eigvalsh(rest)[0] <= 0.0:
         raise ConfigurationError(
-            f"inertia = {inertia.tolist()} kg·m² is less than that of its wheels, "
-            f"{spin.tolist()}, and modes, {(inertia - spin - rest).tolist()}"
+            f"inertia = {inertia.tolist()} kg·m²; allowed: more than that of the wheels, "
+            f"{spin.tolist()}, and the modes, {(inertia - spin - rest).tolist()}, together"
         )
     record["body"]["inertia_inverse"] = np.linalg.inv(rest)
     _see_that_steps_follow(record)
@@ -145,7 +145,7 @@ def _see_that_steps_follow(craft: Any) -> None:
     if decay > 1.0:
         raise ConfigurationError(
             f"wheels.inertia = {inertia.tolist()} kg·m²: in a step of {wheels['h']:g} s friction "
-            f"takes {decay:.6g} times the speed of such wheels on a craft of inertia = "
+            f"takes {decay:.6g} times the speed of such wheels on a spacecraft of inertia = "
             f"{craft['body']['inertia'].tolist()} kg·m²; allowed: at most 1, by less friction, a "
             "larger wheels.transition_speed, or rate"
         )

@@ -35,7 +35,7 @@ _angle = partial(_of_orbit, unit="rad", low=-math.tau, high=math.tau)
 ALTITUDE = _of_orbit(
     "orbit.altitude",
     550e3,
-    "semi-major axis less Earth's equatorial radius",
+    "semi-major axis minus Earth's equatorial radius",
     "m",
     low=100e3,
     high=1e9,
@@ -53,8 +53,8 @@ EPOCH = _of_orbit("orbit.epoch", "2025-01-01", "date of t = 0, ISO 8601, UTC, 19
 TLE = _of_orbit(
     "orbit.tle",
     "",
-    "two-line element set, whose epoch is within 30 days of orbit.epoch; then the elements above "
-    "have no meaning",
+    "two-line element set, whose epoch is within 30 days of orbit.epoch; then orbit.altitude "
+    "to orbit.mean_anomaly are ignored",
 )
 ORBIT_PARAMETERS = (
     ALTITUDE,

@@ -107,7 +107,7 @@ def kernel_of(component: Component) -> Any:
     """
     step, name = component.step, component.name
     if not isinstance(step, Dispatcher):
-        raise ConfigurationError(f"component {name}: step is no kernel: {step!r}")
+        raise ConfigurationError(f"component {name}: step = {step!r}; allowed: a kernel")
     taken = signature(vars(step)["py_func"])
     if len(taken.parameters) != 4:
         raise ConfigurationError(

@@ -37,8 +37,8 @@ _WIDTH = 10
 PLATES = Parameter(
     "orbit.plates",
     [],
-    "outer plates of the craft, ten numbers each: area [m²], outward normal, centre [m] from the "
-    "centre of mass, parts of the light that are mirrored and scattered, drag coefficient",
+    "outer plates of the spacecraft, ten numbers each: area [m²], outward normal, centre [m] from "
+    "the centre of mass, parts of the light that are mirrored and scattered, drag coefficient",
     length=-_WIDTH,
     low=-1e6,
     high=1e6,
@@ -55,7 +55,9 @@ def plates_of(values: Mapping[str, Any]) -> NDArray[Any]:
     """
     rows = np.reshape(values[PLATES.name], (-1, _WIDTH))
     if len(rows) > MOST_PLATES:
-        raise ConfigurationError(f"{PLATES.name} has {len(rows)} plates; allowed: {MOST_PLATES}")
+        raise ConfigurationError(
+            f"{PLATES.name} has {len(rows)} plates; allowed: up to {MOST_PLATES}"
+        )
     plates = np.zeros(len(rows), PLATE)
     for i, row in enumerate(rows):
         area, (specular, diffuse, drag) = row[0], row[7:]

@@ -33,7 +33,7 @@ _attitude = partial(Column, form=QUATERNION, frame=INERTIAL, unit="1")
 _of_body = partial(Column, form=VECTOR, frame=BODY, unit="rad/s")
 _of_desired = partial(Column, form=VECTOR, frame=DESIRED)
 _torque = partial(Column, form=WRENCH, frame=BODY, unit="N·m")
-_DIFFERS = "sent where the controller may be told another one"
+_DIFFERS = "sent where the controller may get another value"
 
 TRUE_ATTITUDE = _attitude(
     "truth_attitude",

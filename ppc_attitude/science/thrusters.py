@@ -58,7 +58,7 @@ POSITIONS = at_start(
         *(_X, _X, _Z, _X, -_X, _Z, -_X, _X, _Z, -_X, -_X, _Z),
         *(_X, _X, -_Z, _X, -_X, -_Z, -_X, _X, -_Z, -_X, -_X, -_Z),
     ],
-    "where each thruster pushes, from the centre of mass, body axes, three numbers each, up to "
+    "position of each thruster from the centre of mass, body axes, three numbers each, up to "
     f"{MAX_THRUSTERS} thrusters",
     "m",
     length=-3,
@@ -86,7 +86,7 @@ SPECIFIC_IMPULSE = Parameter(
 PERIOD = at_start(
     "thrusters.period",
     0.1,
-    "T: pulses begin once in it, and it is a whole number of steps",
+    "pulse period T, a whole number of steps; pulses begin once in it",
     "s",
     low=0.02,
     high=10.0,
@@ -193,8 +193,8 @@ def torques_of(values: Mapping[str, Any]) -> tuple[NDArray[np.float64], NDArray[
     for way in _extreme_ways(axes):
         if (axes @ way).max(initial=0.0) <= _FLAT:
             raise ConfigurationError(
-                f"{POSITIONS.name} and {DIRECTIONS.name}: no thruster turns the craft about "
-                f"{np.round(way, 4).tolist()}; allowed: thrusters that turn it every way"
+                f"{POSITIONS.name} and {DIRECTIONS.name}: no thruster gives torque about "
+                f"{np.round(way, 4).tolist()}; allowed: torque about every axis, both ways"
             )
     return torques, each
 

@@ -178,7 +178,7 @@ def axes_of(values: Mapping[str, Any]) -> NDArray[np.float64]:
     if np.linalg.matrix_rank(axes, 1e-6) < 3:
         raise ConfigurationError(
             f"{AXES.name} = {numbers}: such wheels give no torque about some axis; allowed: axes "
-            "that span space"
+            "that do not all lie in one plane"
         )
     return axes
 
@@ -214,7 +214,7 @@ def _check(record: Any, i: int) -> None:
     if resistance >= record["max_torque"][i]:
         raise ConfigurationError(
             f"{MAX_TORQUE.name} = {record['max_torque'][i]:g} N·m of wheel {i}; allowed: more than "
-            f"its friction, up to {resistance:g}"
+            f"its largest friction of {resistance:g} N·m"
         )
     see_that_a_step_follows(record, i)
 

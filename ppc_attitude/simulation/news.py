@@ -52,7 +52,7 @@ def concerns(scenario: Scenario, stamps_ns: NDArray[np.int64]) -> Iterator[tuple
                 words.append(severe)
                 if len(words) == _MOST:
                     listened.remove(part)
-                    left = f"{advice.text}; what {part.component.name} says later is left out"
+                    left = f"{advice.text}; later advice of {part.component.name} is left out"
                     advice = advice._replace(text=left)
                 yield time, advice
 

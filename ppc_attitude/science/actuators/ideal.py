@@ -29,7 +29,7 @@ from ppc_attitude.science.signals import APPLIED_TORQUE, TORQUE_COMMAND
 
 MAX_TORQUE = Parameter("max_torque", 0.05, "actuator limit per axis", "N·m", above=0.0, high=1e6)
 MIN_TORQUE = Parameter(
-    "min_torque", 1e-4, "below this the actuator gives nothing", "N·m", low=0.0, high=1e6
+    "min_torque", 1e-4, "command below which the actuator gives no torque", "N·m", low=0.0, high=1e6
 )
 LATE_COMMAND = Parameter("late_command", False, "true: a command acts one sample late")
 _DEAD_SHARE = 0.1  # of the actuator's limit that its dead zone may take
@@ -89,7 +89,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
 def conditions(values: Mapping[str, Any], _: Task) -> Iterator[Condition]:
     """Compare the dead zone with the limit."""
     most = _DEAD_SHARE * values[MAX_TORQUE.name]
-    meaning = f"the dead zone takes at most {100.0 * _DEAD_SHARE:g} % of the actuator"
+    meaning = f"the dead zone is at most {100.0 * _DEAD_SHARE:g} % of {MAX_TORQUE.name}"
     yield advisable(MIN_TORQUE.name, values[MIN_TORQUE.name], most, "N·m", meaning)
 
 

@@ -43,8 +43,9 @@ def rods_of(values: Mapping[str, Any]) -> Any:
     certain, of_rods = wheels.torques(values)[0], torque_of_rods(values)
     if of_rods >= certain:
         raise ConfigurationError(
-            f"{MAX_DIPOLE.name} = {values[MAX_DIPOLE.name]:g} A·m²: {of_rods:.3g} N·m in the "
-            f"strongest field; allowed: less than the {certain:.3g} N·m that the wheels give"
+            f"{MAX_DIPOLE.name} = {values[MAX_DIPOLE.name]:g} A·m² gives {of_rods:.3g} N·m in the "
+            f"strongest field; allowed: less than the {certain:.3g} N·m that the wheels give about "
+            "every axis"
         )
     return filled(RODS, values, "magnetorquers.", faults=faults_of(values, magnetorquers.RODS))
 

@@ -45,14 +45,14 @@ from ppc_attitude.science.wheels import TRACE, WHEELS, friction, momentum, room,
 NULL_SPEED = Parameter(
     "wheels.null_speed",
     100.0,
-    "speed of the fastest wheel when the wheels together have no momentum, for more than three",
+    "speed of the fastest wheel when the wheels together have no momentum; for four or more wheels",
     "rad/s",
     low=0.0,
 )
 NULL_GAIN = Parameter(
     "wheels.null_gain",
     0.02,
-    "how fast the wheels approach the null speeds, without a torque on the body",
+    "gain of the null-space motion towards null_speed, which gives no torque on the body",
     "1/s",
     low=0.0,
 )
@@ -71,7 +71,7 @@ COMPENSATION = Parameter(
 OVERLOAD = Parameter(
     "wheels.overload",
     "scale",
-    "when too much is asked: scale the torque and keep its direction, or clip each wheel's",
+    "when wheels saturate: scale the torque and keep its direction, or clip each wheel's torque",
     choices=("scale", "clip"),
 )
 DETECTION_DELAY = Parameter(
@@ -95,9 +95,9 @@ CONFIGURATION = record_type(
     ("faults", RECORD),
 )
 _LEFT = (
-    "none gives torque",
-    "the others give torque in a line only",
-    "the others give torque in a plane only",
+    "no other wheel gives torque",
+    "the others give torque along one line only",
+    "the others give torque in one plane only",
 )
 STATE = record_type(
     ("since_ns", np.int64, (MAX_WHEELS,)),  # 1 + first instant [ns] of its loss; 0: none
@@ -152,7 +152,7 @@ def _null_momentum(free: Any, craft: Any, fastest: float) -> Any:
     speeds = fastest * idle_speeds(free, inertia)
     for i in np.flatnonzero(np.abs(speeds) > craft["max_speed"][:count]):
         raise ConfigurationError(
-            f"{NULL_SPEED.name} = {fastest:g} rad/s leads wheel {i} to {abs(speeds[i]):g}; "
+            f"{NULL_SPEED.name} = {fastest:g} rad/s brings wheel {i} to {abs(speeds[i]):g} rad/s; "
             f"allowed: at most its {wheels.MAX_SPEED.name} = {craft['max_speed'][i]:g}"
         )
     return inertia * speeds

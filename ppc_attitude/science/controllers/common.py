@@ -53,7 +53,7 @@ def envelope_parameters(prefix: str, what: str, unit: str, table: EnvelopeTable)
         Parameter(
             f"{prefix}.initial",
             table.initial,
-            f"ρ_e0 of the {what}",
+            f"initial value ρ_e0 of the {what}",
             unit,
             above=0.0,
             high=LARGEST_INITIAL,
@@ -61,20 +61,24 @@ def envelope_parameters(prefix: str, what: str, unit: str, table: EnvelopeTable)
         Parameter(
             f"{prefix}.exponential_terminal",
             table.exponential_terminal,
-            f"ρ_e∞ of the {what}: where the exponential alone would end",
+            f"final value ρ_e∞ of the exponential part of the {what}",
             unit,
             above=0.0,
         ),
-        Parameter(f"{prefix}.decay", table.decay, f"l of the {what}", "1/s", above=0.0),
+        Parameter(f"{prefix}.decay", table.decay, f"decay rate l of the {what}", "1/s", above=0.0),
         Parameter(
             f"{prefix}.settling_time",
             table.settling_time,
-            f"t2 of the {what}: from here on it is terminal",
+            f"settling time t2 of the {what}, from which on it is terminal",
             "s",
             above=0.0,
         ),
         Parameter(  # the square of a smaller one would have no finite inverse
-            f"{prefix}.terminal", table.terminal, f"g∞ of the {what}", unit, low=1e-30
+            f"{prefix}.terminal",
+            table.terminal,
+            f"terminal value g∞ of the {what}",
+            unit,
+            low=1e-30,
         ),
     ]
 

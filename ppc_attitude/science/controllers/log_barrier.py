@@ -187,8 +187,8 @@ def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
         math.degrees(norm(alpha) + task.desired_rate),
         task.rate_limit,
         "deg/s",
-        "‖α‖ at the start + max‖ω_d‖: the law has no limit of the rate, and speeds up until the "
-        "craft turns so fast or the error has become small",
+        "‖α‖ at the start + max‖ω_d‖: the law does not limit the rate, so a spacecraft with a "
+        "large error speeds up to this value",
     )
 
 

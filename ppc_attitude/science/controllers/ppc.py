@@ -109,7 +109,7 @@ PARAMETERS = (
     Parameter(
         "envelope",
         "nominal",
-        "nominal: the tables as given; auto: planned from the present error",
+        "nominal: as its parameters give it; auto: planned from the present error",
         choices=("nominal", "auto"),
     ),
     Parameter(

@@ -104,14 +104,12 @@ def _following(
 ) -> Iterator[Condition]:
     shrink = 0.5 * q_e0 * values["k"] * values["M_omega"]
     beta = values["beta"]
-    meaning = (
-        "relative rate of a small error against max(−ρ_q'/ρ_q): no error gains on its envelope"
-    )
+    meaning = "a small error falls at a larger relative rate than its envelope, max(−ρ_q'/ρ_q)"
     yield Condition("small error follows", shrink * beta, fall, ">", "1/s", False, meaning)
-    meaning = "the same of an error on its envelope: none can leave, whatever the start"
+    meaning = "the same for an error on its envelope: no error leaves it, whatever the start"
     yield Condition("edge follows", shrink * math.tanh(beta), fall, ">", "1/s", False, meaning)
-    meaning = "largest single component of q_ev that follows the table from rest, with reserve; "
-    meaning += "beyond, use envelope: auto"
+    meaning = "largest component of q_ev at a start from rest that stays in the nominal envelope; "
+    meaning += "for a larger one use envelope: auto"
     yield Condition("largest start", largest_start(gains), 0.0, ">", "", False, meaning)
 
 
@@ -119,13 +117,13 @@ def _rates(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
     """The bound of v, and the largest rates: once settled, and in slews with the error's share."""
     bound = virtual_control_bound(values)
     speed = math.degrees(values["k"] * values["M_omega"])
-    meaning = "max‖v‖ is k M_ω, as the paper claims of its form; true of virtual_control: norm only"
+    meaning = "max‖v‖ ≤ k M_ω, as the paper claims; true with virtual_control: norm only"
     yield Condition("bound of v", math.degrees(bound), speed, "≤", "deg/s", False, meaning)
     desired, limit = task.desired_rate, task.rate_limit
     if limit is None or desired is None:
         return
     total = math.degrees(bound + desired + math.sqrt(3.0) * values["rate_envelope.terminal"])
-    meaning = "max‖v‖ + max‖ω_d‖ + √3 g∞ of ρ_ω: guaranteed once z2 has come in"
+    meaning = "max‖v‖ + max‖ω_d‖ + √3 g∞ of ρ_ω: guaranteed once z2 is inside its envelope"
     meaning += "" if task.slews_from is None else ", unless a slew is broken off"
     yield advisable("rate bound", total, limit, "deg/s", meaning)
     if task.slews_from is None:
@@ -140,8 +138,8 @@ def _rates(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
         math.degrees(desired + bound * width),
         limit,
         "deg/s",
-        f"V + max‖v‖ ρ_q, ρ_q = {width:.3g} {when}: an error as large as its envelope would add so "
-        "much",
+        f"V + max‖v‖ ρ_q, ρ_q = {width:.3g} {when}: rate in a slew with an error as large as its "
+        "envelope",
     )
 
 
@@ -155,9 +153,9 @@ def _sampling(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
         values["K_omega"] * task.hold * task.first_answer + change / values["mu"] / width,
         2.0,
         "",
-        "K_ω h + D_m h / (J μ g∞), h a step or the thrusters' period, more where modes "
-        "follow later: the torque does not throw a small rate error farther to the other side; "
-        "beyond it the torque may change its sign at every sample",
+        "K_ω h + D_m h / (J μ g∞), h a step or the thrusters' period, more with flexible "
+        "modes: the torque does not turn a small rate error into a larger one of opposite sign; "
+        "above the limit the torque may change its sign at every sample",
     )
     yield advisable(
         "D_m in ρ_ω",

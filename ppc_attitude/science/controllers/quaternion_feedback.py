@@ -154,9 +154,9 @@ def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
         turn,
         min(1.0 / damping / task.first_answer, 4.0 * damping),
         "",
-        "ω_n h ≤ min(1/ζ, 4ζ), h a step or the thrusters' period, less where modes follow "
-        "later: the sampled loop is stable, if rates are exact and commands act at once; beyond it "
-        "the torque changes its sign at every sample, or swings",
+        "ω_n h ≤ min(1/ζ, 4ζ), h a step or the thrusters' period, less with flexible "
+        "modes: the sampled loop is stable, if rates are exact and commands act at once; above the "
+        "limit the torque changes its sign at every sample, or oscillates",
     )
     yield advisable(
         "integral of the loop",
@@ -164,7 +164,7 @@ def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
         frequency * (2.0 * damping - 0.5 * turn) / (1.0 - 0.5 * d + 0.25 * a) if d < 2.0 else 0.0,
         "1/s",
         "1/T ≤ ω_n (2ζ − ω_n h/2) / (1 − ζω_n h + (ω_n h)²/4): the integral does not make the "
-        "sampled loop swing; the slowest part of a small error "
+        "sampled loop unstable; the slowest part of a small error "
         f"{'never fades' if slowest >= 1.0 else f'is 1/e after {-h / math.log(slowest):.3g} s'}",
     )
 

@@ -50,7 +50,13 @@ _OWN = (
     Parameter(
         "a_most", 0.0174501876, "largest deceleration of the brake", "rad/s²", low=1e-9, high=1e6
     ),
-    Parameter("a_rate", 0.00125756416, "largest |a'| where the brake acts", "rad/s³", low=0.0),
+    Parameter(
+        "a_rate",
+        0.00125756416,
+        "largest rate |a'| of the deceleration a where the brake acts",
+        "rad/s³",
+        low=0.0,
+    ),
     Parameter("Omega_e", 0.0514731821, "Ω_e: largest commanded rate ‖ω_s‖", "rad/s", above=0.0),
     Parameter(
         "Y",
@@ -63,7 +69,7 @@ _OWN = (
     Parameter(
         "B",
         [0.0434528907, 0.0436678902, 0.0441197343],
-        "torque that feedforward and ramps may use, per axis",
+        "torque that feedforward and ramps of the rate may use, per axis",
         "N·m",
         length=3,
         above=0.0,
@@ -71,22 +77,42 @@ _OWN = (
     Parameter(
         "B_ramp",
         0.05,
-        "torque that ramps may use while the momentum error is zero; B from half the tube on",
+        "torque that ramps of the rate may use at zero momentum error; B from half the tube on",
         "N·m",
         low=0.0,
     ),
     Parameter("z_bar", 0.000872051288, "z̄: largest rate error in the tube", "rad/s", above=0.0),
-    Parameter("V_rate", 0.00141294616, "largest |V'| where the cap acts", "rad/s²", low=0.0),
     Parameter(
-        "far", 0.564661399, "error from which the craft cruises", "rad", above=0.0, high=math.pi
+        "V_rate",
+        0.00141294616,
+        "largest rate |V'| of the speed cap V where it acts",
+        "rad/s²",
+        low=0.0,
     ),
-    Parameter("w_far", 0.0354752803, "rate up to which the craft cruises", "rad/s", above=0.0),
     Parameter(
-        "omega0", 0.10472, "rate error from which the craft counts as tumbling", "rad/s", low=1e-9
+        "far",
+        0.564661399,
+        "error from which the spacecraft cruises",
+        "rad",
+        above=0.0,
+        high=math.pi,
+    ),
+    Parameter("w_far", 0.0354752803, "rate up to which the spacecraft cruises", "rad/s", above=0.0),
+    Parameter(
+        "omega0",
+        0.10472,
+        "rate error from which the spacecraft counts as tumbling",
+        "rad/s",
+        low=1e-9,
     ),
     Parameter("d_max", 0.0045927, "bound of the disturbance estimate", "N·m", low=0.0),
     Parameter(
-        "N", [0.0] * 3, "error of y from estimation errors, per axis", "N·m·s", length=3, low=0.0
+        "N",
+        [0.0] * 3,
+        "error of the momentum error y that estimation errors cause, per axis",
+        "N·m·s",
+        length=3,
+        low=0.0,
     ),
     Parameter("e_A", 0.0, "largest estimation error of the attitude", "rad", low=0.0),
     Parameter(
@@ -100,19 +126,23 @@ _OWN = (
 )
 # What the certificate assumes; the law itself reads none of it.
 _ASSUMPTIONS = (
-    Parameter("dead_band", 1e-4, "below this the actuator gives nothing", "N·m", low=0.0),
+    Parameter(
+        "dead_band", 1e-4, "command below which the actuator gives no torque", "N·m", low=0.0
+    ),
     Parameter("d", 4.374e-3, "bound of the disturbance, per axis", "N·m", low=0.0),
     Parameter(
         "momentum",
         0.0,
-        "bound of the whole momentum ‖Jω + h‖ of a craft with wheels",
+        "bound of the whole momentum ‖Jω + h‖ of a spacecraft with wheels",
         "N·m·s",
         low=0.0,
     ),
     Parameter("W", 0.01392, "bound of ‖ω_d‖", "rad/s", low=0.0),
     Parameter("W1", 5.515e-4, "bound of ‖ω_d'‖", "rad/s²", low=0.0),
     Parameter("W2", 2.449e-5, "bound of ‖ω_d''‖", "rad/s³", low=0.0),
-    Parameter("Omega", math.radians(3.0), "rate limit of the craft, ‖ω_s‖", "rad/s", above=0.0),
+    Parameter(
+        "Omega", math.radians(3.0), "rate limit of the spacecraft, ‖ω_s‖", "rad/s", above=0.0
+    ),
     Parameter(
         "eta", 1.0, "least share of the command that the actuator gives", above=0.0, high=1.0
     ),

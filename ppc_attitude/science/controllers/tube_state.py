@@ -106,9 +106,9 @@ NOISE, LATE, CRAFT, DISTURBANCE, AT_LIMIT = 1.0, 2.0, 3.0, 4.0, 5.0
 DOUBTS = {
     NOISE: "the measurement is noisier than assumed (e_A, e_W)",
     LATE: "commands act later than assumed (late)",
-    CRAFT: "the craft answers torque otherwise than assumed: actuator (eta) or inertia (e_S)",
+    CRAFT: "the spacecraft answers torque otherwise than assumed: actuator (eta), inertia (e_S)",
     DISTURBANCE: "a disturbance beyond the assumed one acts (d)",
-    AT_LIMIT: "the disturbance estimate stays at its limit, as with more than is assumed (d)",
+    AT_LIMIT: "the disturbance estimate stays at its limit: more than assumed may act (d)",
 }
 
 
@@ -127,8 +127,9 @@ def advice(memory: Any) -> Advice:
     plan = f"from {math.degrees(memory['phi']):.1f} deg"
     if memory["loss"] > 0.0:
         return Advice(
-            f"the guarantee is suspended: torque was short {memory['slips']:.0f} times, so "
-            f"{100.0 * memory['loss']:.0f} % less is counted on for {LOSS_LASTS:g} s",
+            "the guarantee is suspended: the actuator gave too little torque "
+            f"{memory['slips']:.0f} times, so the law counts on {100.0 * memory['loss']:.0f} % "
+            f"less of it for {LOSS_LASTS:g} s",
             warning=True,
         )
     if memory["doubt"] != 0.0 and memory["t"] - memory["doubted_at"] <= DOUBT_LASTS:

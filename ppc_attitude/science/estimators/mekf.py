@@ -209,7 +209,7 @@ def advice(memory: Any) -> Advice:
         _GOOD: "tracking",
         _WAITING: "no fix yet",
         _DARK: f"no fix for {age:.3g} s, so no estimate",
-        _SURPRISED: f"the last {told} fixes have a mean NIS of {mean:.3g}, and 3 is right",
+        _SURPRISED: f"the last {told} fixes have a mean NIS of {mean:.3g}; expected: 3",
         _DOUBTFUL: "the last fix was refused",
         _STALE: f"no fix for {age:.3g} s",
         _LOST: f"lost: no fix for {age:.3g} s",

@@ -122,7 +122,7 @@ def actuation_of(
     rest += float((unknown @ np.abs(axes)).max())
     if ACTUATORS.selected(plant) is wheels_rods.COMPONENT:
         rest += torque_of_rods(plant)
-    return Actuation("certain torque of the wheels", torque, 0.0, False, float(rest), body)
+    return Actuation("guaranteed torque of the wheels", torque, 0.0, False, float(rest), body)
 
 
 def momentum_of(plant: Mapping[str, Any], rates: ArrayLike, speeds: ArrayLike) -> Floats:

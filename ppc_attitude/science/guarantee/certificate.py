@@ -129,8 +129,8 @@ def differences(stored: Mapping[str, Any], certificate: Certificate) -> list[str
     if stored.get("digest") != certificate.digest:
         return ["it was issued for other numbers"]
     found = []
-    if not certificate.holds:
-        found.append("an inequality does not hold")
+    if failing := [each.name for each in certificate.inequalities if not each.holds]:
+        found.append(f"these inequalities do not hold: {', '.join(failing)}")
     for promise in stored.get("promises", ()):
         now = {each.rate: each.time for each in certificate.promises}.get(promise["rate"])
         if now is None or now > promise["time"] * (1 + 1e-12):

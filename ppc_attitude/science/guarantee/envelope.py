@@ -102,8 +102,8 @@ class Envelope:
         told, number = self.told(rate), self._arithmetic.number
         if not told <= number(self._law.omega0):
             raise ValueError(
-                f"a rate error of {rate:g} rad/s is beyond omega0 = {self._law.omega0:g} rad/s, or "
-                "the law may be told so"
+                f"a rate error of {rate:g} rad/s may, with its estimation error, be larger than "
+                f"omega0 = {self._law.omega0:g} rad/s"
             )
         half_turn = self._arithmetic.pi + number(self._assumed.lead)
         if not told <= number(self._law.w_far):
@@ -180,8 +180,8 @@ class Envelope:
         )
         if torque <= seen:
             raise ValueError(
-                f"a hit of {torque:g} N·m may lead out of the tube without being seen, or be taken "
-                f"for a weak actuator: no time is promised of less than {seen:.3g} N·m"
+                f"the law may not recognise a hit of {torque:g} N·m, or take it for a weak "
+                f"actuator: a recovery time is promised only of hits above {seen:.3g} N·m"
             )
         time = number(duration) + self._h
         pushed = number(torque) + number(self._assumed.d) + number(self._assumed.max_torque)
@@ -198,8 +198,9 @@ class Envelope:
             rate = self._arithmetic.outward(bounds.body.box(gained))[1]
             if rate > law.omega0:
                 raise ValueError(
-                    f"{torque:g} N·m for {duration:g} s may make the craft tumble: it may gain "
-                    f"{rate:.3g} rad/s, and omega0 = {law.omega0:g} rad/s; no time is promised"
+                    f"{torque:g} N·m for {duration:g} s may make the spacecraft tumble: it may "
+                    f"gain {rate:.3g} rad/s; a recovery time is promised only up to omega0 = "
+                    f"{law.omega0:g} rad/s"
                 )
         phi = self._z / self._k + number(rate) * time
         if bool(phi + self._e_A < number(law.far)) or rate > law.w_far:

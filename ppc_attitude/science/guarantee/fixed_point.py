@@ -81,7 +81,11 @@ def _first(assumed: Assumptions, h: float, gains: Gains, omega0: float) -> Law:
     B = 0.8 * (assumed.eta * assumed.max_torque - assumed.d)
     if B <= 0.0:
         _refuse(
-            "C2", assumed.d, assumed.eta * assumed.max_torque, "N·m", "torque beats disturbance"
+            "C2",
+            assumed.d,
+            assumed.eta * assumed.max_torque,
+            "N·m",
+            "the torque exceeds the disturbance",
         )
     least = min(assumed.inertia[0], assumed.inertia[4], assumed.inertia[8])
     speed = 0.9 * assumed.Omega

@@ -97,7 +97,7 @@ def _tube(bounds: Bounds) -> Iterator[Inequality]:
     yield told("C0", least, body.least, "kg·m²", "the moments of inertia are certain", True)
     meaning = "no disturbance within its bound leads out of the tube"
     yield from by_axis("C1", bounds.Y, law.Y, "N·m·s", meaning)
-    meaning = "a saturated axis is pushed back all the same"
+    meaning = "a saturated axis still drives its momentum error back"
     yield from by_axis("C2", law.B, bounds.B, "N·m", meaning)
     late = number(1.0) + number(assumed.late)
     more = [number(law.B_ramp) - number(each) for each in law.B]
@@ -105,11 +105,11 @@ def _tube(bounds: Bounds) -> Iterator[Inequality]:
         number(0.0) if each <= 0 else number(n) + number(law.h) * late * each
         for each, n in zip(more, law.N, strict=True)
     ]
-    meaning = "what a ramp may use beyond B leads out of half the tube in no sample"
+    meaning = "with a ramp's torque beyond B, y moves by less than half the tube in a sample"
     yield from by_axis("C2 ramp", drift, [number(y) / 2 for y in law.Y], "N·m·s", meaning)
     meaning = "feedforward, reference and brake never lack torque"
     yield from by_axis("C3", bounds.load, law.B, "N·m", meaning)
-    meaning = "the law knows what estimation errors make of y"
+    meaning = "N bounds the error of y that estimation errors cause"
     yield from by_axis("C1 N", bounds.noise, law.N, "N·m·s", meaning)
     meaning = "z̄ is the largest rate error in the tube"
     yield told("C1 ‖z‖", bounds.z, law.z_bar, "rad/s", meaning)
@@ -121,9 +121,9 @@ def _rates(bounds: Bounds) -> Iterator[Inequality]:
     Omega_e, z, h = number(law.Omega_e), number(law.z_bar), number(law.h)
     meaning = "‖ω_s‖ stays below the rate limit after the stop phase"
     yield told("C4", Omega_e + z + bounds.e_w + h * bounds.V_rate, assumed.Omega, "rad/s", meaning)
-    meaning = "Φ allows for what V may lose"
+    meaning = "Φ allows for the largest decrease of V"
     yield told("C4 V'", bounds.V_rate, law.V_rate, "rad/s²", meaning)
-    meaning = "Φ allows for what the brake may lose when its axis turns"
+    meaning = "Φ allows for the largest decrease of a when the brake's axis turns"
     yield told("C4 a'", bounds.a_rate, law.a_rate, "rad/s³", meaning)
     limit = _STEP_LATE if assumed.late > 0.0 else _STEP
     meaning = "κh: one sample's correction does not overshoot"
@@ -157,7 +157,7 @@ def _phases(bounds: Bounds) -> Iterator[Inequality]:
 
     time = bounds.stop_time(number(law.w_far))
     turned = math.inf if time is None else bounds.nu_stop * w_far * (time + h)
-    meaning = "the axis turns too little in the stop phase to add up the rates"
+    meaning = "the axis turns so little in the stop phase that rates do not add up"
     yield told("C9 n", turned, 1.0, "rad", meaning)
 
     meaning = "torque is left to stop from every rate up to omega0"

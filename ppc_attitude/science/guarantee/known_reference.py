@@ -137,7 +137,7 @@ class KnownReference:
         rate = self._envelope.told(rate)
         if rate > self._law.w_far:
             raise ValueError(
-                f"a rate error of {rate:g} rad/s does not cruise; at most {self._law.w_far:g}"
+                f"rate error = {rate:g} rad/s; allowed in a cruise: at most {self._law.w_far:g}"
             )
         near = self._envelope.near_time(self._law.far, rate, accuracy)
         longest = near

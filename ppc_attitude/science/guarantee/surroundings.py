@@ -82,7 +82,7 @@ def broken_assumptions(assumed: Assumptions, law: Law, nodes: Nodes) -> Iterator
     actuator = actuation_of(plant, assumed.momentum, fastest, assumed.max_torque)
     error = inertia_error(np.array(assumed.inertia), actuator.inertia)
     if error > assumed.e_S + _ROUNDING:
-        yield f"the craft's inertia is {error:.3g} off; assumed: at most e_S = {assumed.e_S:g}"
+        yield f"relative error of the inertia = {error:.3g}; assumed: at most e_S = {assumed.e_S:g}"
     if actuator.torque < assumed.eta * assumed.max_torque:
         yield (
             f"{actuator.told} = {actuator.torque:g} N·m; "
@@ -100,7 +100,8 @@ def broken_assumptions(assumed: Assumptions, law: Law, nodes: Nodes) -> Iterator
     ):
         if error > bound:
             yield (
-                f"the told {name} is wrong by up to {error:.4g} {unit} ({DEVIATIONS:g} σ); "
+                f"the {name} that the law reads is wrong by up to {error:.4g} {unit} "
+                f"({DEVIATIONS:g} σ); "
                 f"assumed: at most {bound:g}"
             )
     doubtful = [nodes.unknown(kind) for kind in HARDWARE]
@@ -111,7 +112,7 @@ def broken_assumptions(assumed: Assumptions, law: Law, nodes: Nodes) -> Iterator
     for found in filter(None, doubtful):
         yield f"{found}: {_DOUBT}"
     if torque is not None and assumed.d < torque + actuator.rest:
-        beside = f" and the wheels' rest {actuator.rest:.4g} N·m" if actuator.rest else ""
+        beside = f" and the wheels' residual {actuator.rest:.4g} N·m" if actuator.rest else ""
         yield f"the environment reaches {torque:.4g} N·m{beside}; assumed: d = {assumed.d:g}"
     if nodes.estimated:
         yield from _unseen(plant, nodes.estimator)
@@ -119,8 +120,8 @@ def broken_assumptions(assumed: Assumptions, law: Law, nodes: Nodes) -> Iterator
         measured = fastest + float(bias.max()) + DEVIATIONS * sigma
         if plant["gyro.full_scale"] < measured:
             yield (
-                f"gyro.full_scale = {plant['gyro.full_scale']:g} rad/s; with what is promised, and "
-                f"its bias, it may have to measure {measured:.4g} rad/s"
+                f"gyro.full_scale = {plant['gyro.full_scale']:g} rad/s; the promised rates and "
+                f"the gyro's bias need at least {measured:.4g} rad/s"
             )
 
 
@@ -181,7 +182,7 @@ def suspensions(assumed: Assumptions, nodes: Nodes, duration: float) -> Iterator
         first = slots(plant["rate"], plant)[1] / plant["rate"]
         yield (
             f"no fix comes before {first:g} s ({INITIAL_FIX.name} = false): the promised times "
-            "begin with the first fix, from the rate that the craft has by then"
+            "begin with the first fix, from the rate that the spacecraft has by then"
         )
     most = plant["star_tracker.max_rate"]
     promised = TUMBLING[0] * assumed.Omega + assumed.W  # ‖ω_s‖ of the fastest start of any law
@@ -189,7 +190,7 @@ def suspensions(assumed: Assumptions, nodes: Nodes, duration: float) -> Iterator
         yield f"{held}max_rate = {most:.4g} rad/s is below the promised {promised:.4g} rad/s"
     for name in ("blinding_times", "dropout_probability"):
         if plant[f"star_tracker.{name}"]:
-            yield f"{held}{name} = {plant[f'star_tracker.{name}']} takes some away"
+            yield f"{held}{name} = {plant[f'star_tracker.{name}']} removes some"
 
 
 def fastest_of(assumed: Assumptions, law: Law) -> float:

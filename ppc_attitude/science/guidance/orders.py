@@ -35,7 +35,12 @@ from ppc_attitude.science.stamps import LATEST, NANOSECONDS, nanoseconds, second
 
 HOLDING, PROFILING = "hold", "profile"  # in place of a frame's name
 GOAL_TIMES = at_start(
-    "goals.times", [], "when each scheduled goal comes, in this order", "s", low=0.0, high=LATEST
+    "goals.times",
+    [],
+    "time of each scheduled goal, none before its predecessor",
+    "s",
+    low=0.0,
+    high=LATEST,
 )
 GOAL_FRAMES = at_start(
     "goals.frames",
@@ -48,7 +53,7 @@ GOAL_ATTITUDES = at_start(
     "goals.attitudes",
     [],
     "attitude of each scheduled goal in its frame, x y z w each; normalised if within 1e-3; "
-    "without meaning for `hold` and `profile`",
+    "ignored for `hold` and `profile`",
     length=-4,
 )
 _POINT = 12
@@ -129,7 +134,7 @@ def scheduled_orders(values: Mapping[str, Any]) -> Orders:
         )
     if any(later < earlier for earlier, later in pairwise(times)):
         raise ConfigurationError(
-            f"{GOAL_TIMES.name} = {list(times)}; allowed: none before the last"
+            f"{GOAL_TIMES.name} = {list(times)}; allowed: none before its predecessor"
         )
     rows = np.reshape(values[GOAL_POINTS.name], (-1, _POINT))
     owners = {i for i, frame in enumerate(frames) if frame == PROFILING}

@@ -116,7 +116,12 @@ LATITUDE = at_start(
     high=0.5 * math.pi,
 )
 LONGITUDE = at_start(
-    "target.longitude", 0.0, "longitude of this point, east", "rad", low=-math.tau, high=math.tau
+    "target.longitude",
+    0.0,
+    "longitude of the point that `ground` looks at, east",
+    "rad",
+    low=-math.tau,
+    high=math.tau,
 )
 SPIN_AXIS = Parameter(
     "spin.axis",
@@ -134,22 +139,22 @@ SPIN_RATE = Parameter(
 )
 
 _REASONS = {
-    INSIDE_CONE: "it is inside keep-out cone {cone}, {measured:.2f}° from its direction; allowed: "
-    "at least {allowed:.2f}°",
-    NO_WAY: "no way to it keeps all keep-out cones; the direct one crosses {barred}",
-    CROSSES: "the way to it crosses keep-out cone {cone} at t = {measured:.1f} s; try another time "
-    "or another way",
-    NO_SLEW: "no slew to it is found that keeps guidance.max_rate = {allowed:.6g} rad/s while its "
-    "frame turns too; raise guidance.max_rate or guidance.max_acceleration",
-    ILL_DEFINED: "the two directions of its frame are {measured:.2f}° from being parallel; "
+    INSIDE_CONE: "the goal is inside keep-out cone {cone}, {measured:.2f}° from its direction; "
+    "allowed: at least {allowed:.2f}°",
+    NO_WAY: "no path to the goal avoids all keep-out cones; the direct one crosses {barred}",
+    CROSSES: "the path to the goal crosses keep-out cone {cone} at t = {measured:.1f} s; try "
+    "another time or another path",
+    NO_SLEW: "no slew to the goal is found that keeps guidance.max_rate = {allowed:.6g} rad/s "
+    "while the goal's frame turns too; raise guidance.max_rate or guidance.max_acceleration",
+    ILL_DEFINED: "the two directions of the frame are {measured:.2f}° from being parallel; "
     "allowed: at least {allowed:.2f}°; try another time",
     SPIN_TOO_FAST: "spin.rate = {measured:.6g} rad/s; allowed: -{allowed:.6g} to {allowed:.6g}, "
     "which is 0.9 guidance.max_rate",
-    TOO_LATE: "the slew to its first point ends at t = {measured:.3f} s, after that point's "
+    TOO_LATE: "the slew to the first point ends at t = {measured:.3f} s, after that point's "
     "{allowed:.3f} s; give later times",
-    TOO_FAR: "its last point is at t = {measured:.3f} s; allowed with keep-out cones: up to "
+    TOO_FAR: "the last point is at t = {measured:.3f} s; allowed with keep-out cones: up to "
     "{allowed:.3f} s, which is a day after the order",
-    TOO_FAST: "the way on from its point at t = {allowed:.3f} s needs {measured:.4g} times "
+    TOO_FAST: "the path on from the point at t = {allowed:.3f} s needs {measured:.4g} times "
     "guidance.max_rate or guidance.max_acceleration; allowed: 1; give it more time",
 }
 
@@ -263,7 +268,7 @@ def advice(state: Any) -> Advice:
     warnings = warnings_of(watch)
     concern = f"the desired motion {' and '.join(warnings)}" if warnings else ""
     if watch["changes"] > watch["said"]:
-        return Advice(concern or "what was warned of is over", warning=bool(warnings))
+        return Advice(concern or "the cause of the last warning is over", warning=bool(warnings))
     if state["obeyed"] == 0:
         return Advice("at rest at the first attitude; no goal yet", warning=False)
     outcome, number = int(state["outcome"]), int(state["obeyed"])
@@ -284,7 +289,7 @@ def advice(state: Any) -> Advice:
     turned = math.degrees(sum(float(leg["profile"][0]) for leg in legs if leg["axis"].any()))
     text = (
         f"order {number} is followed: {FRAME_NAMES[plan['frame']]} frame, turns by "
-        f"{turned:.2f}° in {len(legs)} leg{'s' * (len(legs) > 1)}, there at t = "
+        f"{turned:.2f}° in {len(legs)} leg{'s' * (len(legs) > 1)}, arrives at t = "
         f"{float(plan['end']):.3f} s"
     )
     inside = int(state["inside"])

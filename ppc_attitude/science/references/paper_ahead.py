@@ -30,7 +30,7 @@ from ppc_attitude.science.signals import TURN_AHEAD
 AHEAD = Parameter(
     "ahead",
     62.0,
-    "time ahead over which reference/turn_ahead is taken; best is π/Ω_e, that of half a turn",
+    "time over which reference/turn_ahead integrates ω_d; best is π/Ω_e, that of half a turn",
     "s",
     above=0.0,
     high=1e6,

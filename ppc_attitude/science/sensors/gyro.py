@@ -44,7 +44,7 @@ ANGULAR_RANDOM_WALK = _size(
     "gyro.angular_random_walk", 0.0, "σ_v of the gyro: white noise of the rate", "rad/√s"
 )
 RATE_RANDOM_WALK = _size(
-    "gyro.rate_random_walk", 0.0, "σ_u of the gyro: walk of its bias", "rad/s^1.5"
+    "gyro.rate_random_walk", 0.0, "σ_u of the gyro: random walk of its bias", "rad/s^1.5"
 )
 INITIAL_BIAS_SIGMA = at_start(
     "gyro.initial_bias_sigma",

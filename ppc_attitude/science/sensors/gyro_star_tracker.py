@@ -267,8 +267,8 @@ def advice(state: Any) -> Advice:
         return Advice(told, warning=False)
     beside = f"{times:.3g} times the noise of a sample" if np.isfinite(times) else "without noise"
     return Advice(
-        f"gyro.resolution is {beside}: a dead band, not the white noise that a filter takes "
-        "rounding for",
+        f"gyro.resolution is {beside}: rounding acts as a dead band, not as the white noise that "
+        "a filter assumes",
         warning=True,
     )
 
@@ -282,8 +282,8 @@ def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
             float(np.linalg.norm(task.craft[INITIAL_RATE.name])),
             most,
             "rad/s",
-            "up to star_tracker.max_rate a first fix comes: without one there is no estimate, so "
-            "the law gives no torque, and nothing stops the craft",
+            "a first fix comes up to star_tracker.max_rate only: without one there is no estimate, "
+            "so the law gives no torque, and nothing stops the spacecraft",
         )
     if task.desired_rate is not None:
         yield advisable(

@@ -58,7 +58,7 @@ MOUNTING = Parameter(
 RATE = at_start(
     "star_tracker.rate",
     10.0,
-    "fixes per second; divides the steps per second",
+    "fixes per second; `rate` is a multiple of it",
     "Hz",
     low=1e-9,
     agreed=True,
@@ -66,7 +66,7 @@ RATE = at_start(
 LATENCY = at_start(
     "star_tracker.latency",
     0.0,
-    "from a fix's validity to its arrival; rounded up to whole steps",
+    "time from a fix's validity to its arrival; rounded up to whole steps",
     "s",
     low=0.0,
     high=10.0,
@@ -83,7 +83,7 @@ OUTLIER_SIZE = Parameter(
 MAX_RATE = Parameter(
     "star_tracker.max_rate",
     100.0,
-    "no fix while the craft turns faster",
+    "there is no fix while the spacecraft turns faster",
     "rad/s",
     above=0.0,
     high=100.0,
@@ -158,9 +158,9 @@ def slots(rate: float, values: Mapping[str, Any]) -> tuple[int, int]:
     # To the last digit: a node that waits for fixes counts slots by this rate alone, for days.
     if abs(rate / tracker - every) > 1e-14 * every:
         raise ConfigurationError(
-            f"{RATE.name} = {tracker} Hz does not divide rate = {rate} Hz, and a fix is of a whole "
-            f"step; the nearest that does is {rate / every!r} Hz; rate = {every * tracker!r} Hz "
-            "would do too"
+            f"{RATE.name} = {tracker} Hz does not divide rate = {rate} Hz, but each fix must "
+            f"be at a step; the nearest that does is {rate / every!r} Hz; rate = "
+            f"{every * tracker!r} Hz would do too"
         )
     delay = max(0, math.ceil((latency - ROUNDING) * rate))
     if delay > MAX_DELAY:
