@@ -179,7 +179,7 @@ def end_all(nodes: Collection[Node]) -> None:
     for node in nodes:
         assert node.ends() == 0, node.err
         assert "Traceback" not in node.err
-        assert node.err.count("ends: it was asked to") == 1, node.err
+        assert node.err.count("ends: it was asked to end") == 1, node.err
 
 
 def plans(controller: Process) -> list[tuple[float, float]]:

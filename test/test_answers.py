@@ -81,7 +81,7 @@ def test_a_stamp_that_stands_still_is_refused_when_the_numbers_change() -> None:
     node = Node(ahead=False)
     for stamp in (0, 10_000_000):
         node.state(stamp, 1.0)
-        told = rf"attitude: stamp 0\.0{stamp // 10**7}0000 s comes again with other numbers"
+        told = rf"attitude: stamp 0\.0{stamp // 10**7}0000 s comes again with other values"
         for step in range(1, 90):
             with pytest.raises(RefusedError, match=told):
                 node.state(stamp, 1.0 + 0.01 * step + stamp, x=float(step))

@@ -171,7 +171,7 @@ def nodes(
     assert "Traceback" not in started.err
     for node in LOOP:
         lines = [line for line in started.err.splitlines() if f"[{node}]: " in line]
-        assert sum("ends: it was asked to" in line for line in lines) == 1, lines
+        assert sum("ends: it was asked to end" in line for line in lines) == 1, lines
         for topic in READERS:
             said = sum(f"refused {topic.name}: " in line for line in lines)
             assert said <= lasted + 1.0, "more than once a second"

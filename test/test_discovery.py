@@ -228,7 +228,7 @@ def test_an_empty_setting_leaves_the_sockets_to_us(monkeypatch: pytest.MonkeyPat
     empty = dict.fromkeys((MIDDLEWARE, PROFILE, TRANSPORTS), "")
     assert reach({RANGE: "LOCALHOST", **empty}) == "localhost"
     assert reach({RANGE: "", **empty}) == "subnet"
-    assert reach({RANGE: "LOCALHOST", TRANSPORTS: "SHM"}).endswith(f" as {TRANSPORTS} has them")
+    assert reach({RANGE: "LOCALHOST", TRANSPORTS: "SHM"}).endswith(f"that {TRANSPORTS} selects")
     assert reach(PEERED) == "localhost and ROS_STATIC_PEERS"
     monkeypatch.setattr("ppc_attitude.nodes.discovery._has_way", lambda address: False)
     tune_transport({TRANSPORTS: "SHM"})  # by this nodes may find each other all the same

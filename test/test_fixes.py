@@ -106,7 +106,7 @@ def test_who_waits_for_a_fix_says_for_which_and_what_came_instead() -> None:
     awaited = "waiting at t = 0.200 s for tracker/fix with the stamp 0.100000 s, as the estimator's"
     assert fixes.waiting() == f"{awaited} parameters say"
     joined(fixes, [("fix", 9 * STEP, 1.0)])
-    assert fixes.waiting() == f"{awaited} parameters say; others came, with the stamp 0.090000 s"
+    assert fixes.waiting() == f"{awaited} parameters say; fixes came with other stamps: 0.090000 s"
 
 
 def test_a_fix_has_its_age() -> None:

@@ -192,7 +192,7 @@ def test_who_waits_also_says_how_much_it_refused() -> None:
     health = Health(0.0)
     health.refused["attitude"] += 2
     said = health.report(Status(STALE, "waiting for attitude", {}), "")
-    assert said[:2] == (STALE, "waiting for attitude; refused 2 since the last report")
+    assert said[:2] == (STALE, "waiting for attitude; refused 2 messages since the last report")
 
 
 def test_a_node_whose_inputs_do_not_pair_says_so_in_the_log_while_they_come(
@@ -230,7 +230,7 @@ def test_the_controller_tells_margins_and_saturation(admit: Callable[..., Patien
     assert (calm["steps"], calm["steps in saturation"]) == ("1", "0")
     patient.node.health.begin_again()
     patient.feed(1, angular_velocity=(0.1, 0.0, 0.0))
-    hit = patient.says(WARN, "outside: rate_envelope")
+    hit = patient.says(WARN, "error outside rate_envelope")
     envelope = 0.08 * math.exp(-0.5 * 0.01)  # ρ_ω of Table II, 0.01 s after its beginning
     assert float(hit["rate_envelope margin"]) == pytest.approx(1.0 - 0.1 / envelope, rel=1e-3)
     assert float(hit["attitude_envelope margin"]) == 1.0
@@ -338,7 +338,7 @@ def test_a_disabled_controller_says_so_and_blames_no_disturbance(
         patient.feed(step, angular_velocity=(0.0002 * step, 0.0, 0.0))
         assert patient.says(WARN, "disabled: zero torque")["steps in saturation"] == "0"
     assert not said
-    for told in ("enabled: re-armed from the present error", "enabled already: goes on"):
+    for told in ("enabled: re-armed from the present error", "enabled already: the law goes on"):
         answer = patient.call(SetBool, "ppc_controller/enable", SetBool.Request(data=True))
         assert answer.message == told
 
@@ -347,14 +347,14 @@ def test_a_controller_that_is_told_no_attitude_any_more_says_so(
     admit: Callable[..., Patient], capfd: pytest.CaptureFixture[str]
 ) -> None:
     patient, nothing = admit(PpcController), (0.0, 0.0, 0.0, 0.0)
-    told = "attitude is zero, which is none: zero torque"
+    told = "attitude is all zeros, so the attitude is unknown: zero torque"
     for step, attitude in ((0, nothing), (100, UNIT), (200, nothing), (300, UNIT)):
         patient.feed(step, attitude=attitude)
         patient.says(OK if any(attitude) else WARN, "running" if any(attitude) else told)
         patient.said.clear()
     said = capfd.readouterr().err
     assert said.count(told) == said.count(f"{told} from t = 2.000 s on") == 1
-    assert "attitude is back from t = 3.000 s on" in said
+    assert "attitude is known again from t = 3.000 s on" in said
 
 
 def test_the_injector_counts_what_it_takes_and_warns_of_what_it_refuses(

@@ -118,9 +118,9 @@ def test_a_plant_that_runs_free_says_which_first_answer_it_waits_for(
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        (["lockstep:=true", "wait_for:=[]"], "wait_for = []; allowed in lock-step: one or both"),
-        (["rate:=1.9"], "command_timeout = 0.5 s; allowed on the wall clock: from a step on, 0.5"),
-        (["rate:=30.0", "command_timeout:=0.0333333"], "from a step on, 0.033333333 s"),
+        (["lockstep:=true", "wait_for:=[]"], "wait_for = []; allowed in lock-step: torque_co"),
+        (["rate:=1.9"], "command_timeout = 0.5 s; allowed on the wall clock: ≥ 0.5"),
+        (["rate:=30.0", "command_timeout:=0.0333333"], "≥ 0.033333333 s, one step"),
     ],
 )
 def test_a_plant_that_waits_for_nobody_or_finds_every_command_late_is_refused(
@@ -165,7 +165,7 @@ REFUSED = {
         ["wheel/7 seized"],
         "no selected component has a part wheel/7",
     ),
-    "truth not sent": (PLANT, "rate_noise", 1e-6, "select send_truth = true at start"),
+    "truth not sent": (PLANT, "rate_noise", 1e-6, "restart it with send_truth = true"),
     "not together": (INJECTOR, "pulse_times", [1.0, 2.0], "pulse"),
 }
 
@@ -206,7 +206,7 @@ def test_parameters_in_flight_are_refused_with_reasons_or_act_and_are_replayed_a
         stack.goes_on(0.2)
         run.send(signal.SIGINT)
         assert run.ends() == 3, run.err
-    assert "inertia: every node that has it must have the same value" in run.err
+    assert "inertia: every node with this parameter needs the same value" in run.err
     assert "max_torque: every node" not in run.err
     record = read_run(run.bag)
     assert record.missing_messages == 0
@@ -251,13 +251,13 @@ def test_a_reference_refuses_goals_by_its_mode_and_says_that_it_has_years_to_int
     reference = Node(start_process, tmp_path, REFERENCE)
     reference.says("ready")
     assert main(["goto", "--euler", "0", "0", "30"]) == BAD_INPUT
-    told = "error: reference_generator: mode = 'paper'; allowed: 'goal', for goals\n"
+    told = "error: reference_generator: mode = 'paper'; allowed: 'goal', which takes goals\n"
     assert capfd.readouterr().err == told
     with peer(ATTITUDE) as hardware:
         hardware.matched(ATTITUDE, [REFERENCE])
         for second in range(5):
             stamp = nanoseconds(9e7 + second)
             hardware.send(ATTITUDE, Codec(ATTITUDE).encode(stamp, (0.0, 0.0, 0.0, 1.0)))
-        reference.says("integrates the motion from zero to the stamp: 0 s of 9000000")
+        reference.says("integrating the motion from zero to the state's stamp: 0 s of 9000000")
         reference.send(signal.SIGTERM)
         assert reference.ends() == 0, reference.err

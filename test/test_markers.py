@@ -249,4 +249,4 @@ def test_without_tf2_ros_there_are_still_markers(
     scene = make_scene()
     scene.show(ATTITUDE, QUARTER_TURN)
     assert ("craft", 0) in scene.picture()
-    assert scene.node.status()[2]["transforms"] == "no tf2_ros"
+    assert scene.node.status()[2]["transforms"] == "none: no tf2_ros"

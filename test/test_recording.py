@@ -345,7 +345,7 @@ def test_a_lost_message_is_a_gap(lost: int) -> None:
 )
 def test_a_lost_instant_is_a_gap(steps: list[int], end: float) -> None:
     *_, gap = gaps_of(*steps_of(steps))
-    assert gap == f"attitude jumps from 0.190000 s to {end:.6f} s"
+    assert gap == f"attitude has a gap from 0.190000 s to {end:.6f} s"
 
 
 def test_the_first_step_of_a_plant_may_be_shorter_than_others() -> None:
@@ -355,7 +355,7 @@ def test_the_first_step_of_a_plant_may_be_shorter_than_others() -> None:
         for steps in (first, [*first, *range(second + 100, 300, 10)]):
             assert gaps_of(*steps_of(steps)) == []
         (gap,) = gaps_of(*steps_of([*first, *range(second + 120, 300, 10)]))
-        assert gap.startswith("attitude jumps from 0.9")
+        assert gap.startswith("attitude has a gap from 0.9")
 
 
 @pytest.mark.parametrize(("every", "told_of"), [(3, False), (4, True)])
@@ -376,8 +376,8 @@ def test_a_state_that_is_only_late_is_no_gap(late: int) -> None:
 
 def test_many_gaps_are_counted_and_only_the_first_are_told() -> None:
     gaps = gaps_of(*steps_of(step for step in range(1000) if step % 10))
-    assert gaps[0] == "attitude jumps from 0.090000 s to 0.110000 s"
-    assert (len(gaps), gaps[-1]) == (6, "attitude jumps 94 times more")
+    assert gaps[0] == "attitude has a gap from 0.090000 s to 0.110000 s"
+    assert (len(gaps), gaps[-1]) == (6, "attitude has 94 more gaps")
 
 
 def test_a_reset_within_the_first_step_makes_no_gap() -> None:

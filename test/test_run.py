@@ -39,8 +39,8 @@ def test_a_run_and_the_loop_in_process_agree_to_the_last_bit(recorded_bag):
     assert "2.0/2.0 s" in said.splitlines()[-1]  # the bar ends at the end
     assert "[INFO]" not in said
     logs = [path.read_text() for path in (recorded_bag.parent / "ros_log").glob("*.log")]
-    assert sum("ends: what it was to do is done" in log for log in logs) == 1, "the plant"
-    assert sum("ends: it was asked to" in log for log in logs) == len(NODES) - 1
+    assert sum("the node ends: the run is complete" in log for log in logs) == 1, "the plant"
+    assert sum("the node ends: it was asked to end" in log for log in logs) == len(NODES) - 1
     assert_flown(read_run(recorded_bag), simulate(load([PAPER]), 2.0))
 
 
@@ -130,7 +130,7 @@ def test_bad_configuration_is_refused_by_commands_and_node(case, node, tmp_path,
 
 
 WRONG = {
-    "forgotten --ros-args": (["-p", "storage:=mcap"], "argument -p: what is for ROS follows --ros"),
+    "forgotten --ros-args": (["-p", "storage:=mcap"], "argument -p; allowed: --help, or arg"),
     "file that is not there": (["--ros-args", "--params-file", "nowhere.yaml"], "nowhere.yaml"),
     "unknown name": (["--ros-args", "-p", "speed:=1.0"], "no parameter speed"),
     "wrong choice": (["--ros-args", "-p", "storage:=tape"], "one of mcap, sqlite3"),

@@ -95,7 +95,7 @@ def test_a_publisher_whose_stamp_stands_still_is_named_with_what_is_refused(
     stale, new = (
         Codec(ATTITUDE).encode(seconds * NANOSECONDS, (0.0, 0.0, 0.0, 1.0)) for seconds in (5, 6)
     )
-    found = "stamp 5.000000 s is out of order; it has several publishers: /peer, /stuck"
+    found = "stamp 5.000000 s is out of order; this topic's publishers are /peer, /stuck"
     with peer(ATTITUDE) as stack, node_apart("stuck") as stuck:
         publisher = publisher_of(stuck, ATTITUDE)
 
@@ -120,7 +120,7 @@ def test_a_subscriber_that_keeps_all_and_reads_nothing_is_named_and_not_waited_f
         run = Run(start_process, tmp_path / "bag", "--duration", "120")
         run.ends()
     assert run.process.returncode == 0, run.err
-    assert f"/peer did not take all of /{ATTITUDE.name}: not waited for" in run.err
+    assert f"/peer did not take all of /{ATTITUDE.name}: this node ends" in run.err
     assert read_run(run.bag).missing_messages == 0
 
 
@@ -163,7 +163,7 @@ def test_who_is_not_of_the_run_is_waited_for_until_its_recorder_goes(
     BaseNode._await_readers(node, [publisher])
     assert time[0] == pytest.approx(waited, abs=0.11)
     assert (LINGERS in told) == lingers
-    assert warnings == [f"{named} did not take all of /attitude: not waited for"]
+    assert warnings == [f"{named} did not take all of /attitude: this node ends"]
 
 
 def test_who_shares_a_clock_or_a_record_is_named_once_and_nobody_who_was_killed() -> None:
@@ -196,7 +196,7 @@ def test_who_shares_a_clock_or_a_record_is_named_once_and_nobody_who_was_killed(
     look(30, 50)
     assert not warnings
     look(61, 70, 120)
-    told = "several nodes publish /clock, and who reads it hears all"
+    told = "several nodes publish /clock, and every reader hears all of them"
     assert warnings == [f"{told}: /0/{PLANT}, /1/{PLANT}"]
     assert not watch.found
 

@@ -187,9 +187,9 @@ def expect_hit(record: RunRecord, start: float) -> None:
 def test_nobody_to_visit_is_said(monkeypatch: pytest.MonkeyPatch, capfd: Shown) -> None:
     monkeypatch.setattr(visiting, "_PATIENCE", 0.5)
     assert main(["inject", "0.1", "0.1", "0.1"]) == exits.BROKEN
-    assert "nobody offers /disturbance_injector/inject" in capfd.readouterr().err
+    assert "no node offers the service /disturbance_injector/inject" in capfd.readouterr().err
     assert main(["goto", "--euler", "0", "0", "30"]) == exits.BROKEN
-    assert "nobody listens on /goal_pose" in capfd.readouterr().err
+    assert "no node listens on /goal_pose" in capfd.readouterr().err
 
 
 def test_states_that_nobody_answers_have_no_latency(

@@ -44,8 +44,8 @@ class AttitudeEstimator(ComponentNode):
         if not len(late) == 1 < len(topics):
             names = ", ".join(each.name for each in topics)
             raise ConfigurationError(
-                f"the estimator reads {names}; allowed: one that comes late, such as fixes, "
-                "beside what comes with every instant"
+                f"{self.executable}: the selected filter reads {names}; allowed: one topic of late "
+                "messages, such as fixes, and one or more with a message at every instant"
             )
         for component in components_of(self.executable, self.parameters.values):
             check_slots(component)

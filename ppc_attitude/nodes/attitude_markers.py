@@ -169,7 +169,7 @@ class AttitudeMarkers(BaseNode):
         """Waiting for states, or drawing."""
         details = {
             "pictures": self._drawn,
-            "transforms": "no tf2_ros" if self._broadcaster is None else "on /tf",
+            "transforms": "none: no tf2_ros" if self._broadcaster is None else "on /tf",
         }
         if self.is_idle():
             return Status(STALE, f"waiting for {ATTITUDE.name}", details)
@@ -181,7 +181,7 @@ def _broadcaster(node: Node) -> Any:
     try:
         from tf2_ros import TransformBroadcaster
     except ImportError:
-        node.get_logger().info("tf2_ros is not installed: markers, but no TF")
+        node.get_logger().info("tf2_ros is not installed, so no transforms go to /tf")
         return None
     return TransformBroadcaster(node)
 

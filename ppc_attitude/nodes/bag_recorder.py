@@ -141,7 +141,7 @@ class BagRecorder(BaseNode):
         """See that the facts about the run can be read, and that the namespaces are valid."""
         read_run_info(str(values["run_info"]))
         if not values["namespaces"]:
-            raise ConfigurationError("namespaces = []; allowed: at least one, '' is the own one")
+            raise ConfigurationError("namespaces = []; allowed: at least one; '' is this node's")
         for namespace in cast(list[str], values["namespaces"]):
             check_name(validate_topic_name, _states_in(namespace), f"namespaces: {namespace!r}")
 
@@ -180,7 +180,7 @@ class BagRecorder(BaseNode):
                 del self._restarted[home, node]
                 data = serialize_message(changed(begun, node, {**values, ENABLED: True}))
                 recording.event(CHANGES_TOPIC.name, begun, data)
-                text = f"from t = {seconds(begun):.6f} s on: it was started again"
+                text = f"from t = {seconds(begun):.6f} s on, when the node was started again"
                 self.get_logger().info(f"the parameters of {home}/{node} are on record {text}")
 
     def _is_waited_for(self, home: str) -> bool:
@@ -281,11 +281,11 @@ class BagRecorder(BaseNode):
         offered = [end.qos_profile.reliability == ReliabilityPolicy.RELIABLE for end in ends]
         nodes = ", ".join(sorted(publishing_nodes(self, name).values()))
         if offered and not any(offered):
-            self.get_logger().info(f"{name}: {nodes} offers less than ours do: taken as is")
+            self.get_logger().info(f"{name}: {nodes} sends at best effort; so it is recorded")
             home, topic, _ = self._ears[name]
             self._record_topic(home, topic, reliable=False)
         elif offered:
-            text = f"{name}: what is sent at best effort is not recorded; publishers: {nodes}"
+            text = f"{name}: messages sent at best effort are not recorded; publishers: {nodes}"
             self.get_logger().warning(text)
 
     def new_executor(self) -> Executor:
@@ -343,9 +343,9 @@ class BagRecorder(BaseNode):
                 self.fail(self.health.time_ns, str(error))
         for home, recording in self._recordings.items():
             for name, count in recording.surplus().items():
-                text = f"{count} messages of {self._names[home, name]} have no later stamp than one"
-                why = "two for an instant, or time went back and not to zero; they are not judged"
-                self.get_logger().warning(f"{text} before: {why}")
+                text = f"{count} messages of {self._names[home, name]} are not judged: their stamps"
+                why = "are not later than an earlier one; only at stamp 0 may time begin again"
+                self.get_logger().warning(f"{text} {why}")
         if self._survey:
             self._survey.close()
         if gaps:

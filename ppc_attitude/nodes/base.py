@@ -127,15 +127,15 @@ class BaseNode(Node):
     def close(self) -> None:
         """Release the node's resources after its last message, and say why it ends."""
         self._watch.close()
-        end = "what it was to do is done" if self.finished else "it was asked to"
-        self.get_logger().info(f"ends: {self.failure or end}")
+        end = "the run is complete" if self.finished else "it was asked to end"
+        self.get_logger().info(f"the node ends: {self.failure or end}")
 
     def take_changes(self, stamp_ns: int) -> None:
         """Take over the parameters that were set, from a stamp [ns] on, and tell it."""
         changes = self.parameters.take_changes()
         self.tell_changes(stamp_ns, changes)
         if alike := ", ".join(filter(self.parameters.is_agreed, changes)):
-            text = "every node that has it must have the same value; set it in each of them"
+            text = "every node with this parameter needs the same value; set it in each of them"
             self.complain("alike", f"{alike}: {text}")
 
     def tell_changes(self, stamp_ns: int, changes: Mapping[str, Value]) -> None:
@@ -234,7 +234,7 @@ class BaseNode(Node):
         self.health.refused[kind] += 1
         if self.health.may_log(kind, self.now()):
             nodes = sorted(filter(None, publishing_nodes(self, kind).values()))
-            named = f"; it has several publishers: {', '.join(nodes)}" if len(nodes) > 1 else ""
+            named = f"; this topic's publishers are {', '.join(nodes)}" if len(nodes) > 1 else ""
             self.get_logger().warning(f"refused {reason}{named}")
 
     def complain(self, kind: str, text: str) -> None:
@@ -317,7 +317,7 @@ class BaseNode(Node):
                     tell(LINGERS, True)
                 if waited > _ACKNOWLEDGE or not names & ours:
                     slow = ", ".join(sorted(names - ours or names))
-                    text = f"{slow} did not take all of {publisher.topic_name}: not waited for"
+                    text = f"{slow} did not take all of {publisher.topic_name}: this node ends"
                     self.get_logger().warning(text)
                     return
 

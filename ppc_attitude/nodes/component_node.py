@@ -66,7 +66,8 @@ class ComponentNode(BaseNode):
         check_components(self.executable, values)
         if self._exchanges not in (None, self._exchanged(values)):
             names = ", ".join(each.name for each in components_of(self.executable, values))
-            raise ConfigurationError(f"{names} would read or give other topics: select it at start")
+            told = f"{self.executable}: {names} would read or publish other topics"
+            raise ConfigurationError(f"{told} than now; restart the node with this selection")
 
     def _exchanged(self, values: Mapping[str, Value]) -> tuple[set[str], set[str]]:
         read = read_from_elsewhere(components_of(self.executable, values))
@@ -161,5 +162,5 @@ class ComponentNode(BaseNode):
             return Status(STALE, self._missing(), details)
         outside = [name for name, value in normalised.items() if value > 1.0]
         if outside:
-            return Status(WARN, f"outside: {', '.join(outside)}", details)
+            return Status(WARN, f"error outside {', '.join(outside)}", details)
         return Status(OK, "running", details)

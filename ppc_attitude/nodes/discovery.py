@@ -75,14 +75,14 @@ def check_discovery(environment: Mapping[str, str]) -> None:
             socket.getaddrinfo(peer, None)
         except (OSError, UnicodeError):
             raise ConfigurationError(
-                f"{PEERS}: {peer!r} is no address, and no name that is known; allowed: such, "
-                "separated by semicolons"
+                f"{PEERS}: {peer!r} is no address and no known host name; allowed: addresses or "
+                "host names, separated by semicolons"
             ) from None
     ways = (_LOOPBACK,) if keeps_to_this_host(environment) else (_LOOPBACK, _MULTICAST)
     if not (chosen_by_user(environment) or any(map(_has_way, ways))):
         raise ConfigurationError(
             "the network interface lo (loopback) is down, so that no node would find another; "
-            "allowed: one that is up, as after `ip link set lo up`"
+            "bring it up, for example by `ip link set lo up`"
         )
 
 
@@ -119,7 +119,7 @@ def reach(environment: Mapping[str, str]) -> str:
         peers = f" and {PEERS}" if _peers(environment) else ""
         return (environment.get(RANGE) or "SUBNET").lower() + peers
     other = chosen_by_user(environment)
-    return f"localhost, by sockets as {other} has them" if other else "localhost"
+    return f"localhost, with the transports that {other} selects" if other else "localhost"
 
 
 def unused_domains() -> list[int]:

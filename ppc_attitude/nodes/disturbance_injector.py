@@ -33,12 +33,12 @@ from ppc_attitude.science.parameter import Parameter, Value, resolved
 from ppc_attitude.science.stamps import LATEST, NANOSECONDS, nanoseconds, seconds
 from ppc_attitude.simulation.scenario import check_pulses
 
-_START = Parameter("start", 0.0, "when it begins to act; what is past: now", "s", 0.0, LATEST)
+_START = Parameter("start", 0.0, "begin of the torque; a past time: now", "s", 0.0, LATEST)
 _REQUEST = (
     Parameter("torque", [], "torque in body axes", "N·m", length=3),
     _START,
-    Parameter("duration", 1.0, "how long it acts", "s", 1e-9, LATEST),
-    Parameter("request", "", "name by which one that comes again is known"),
+    Parameter("duration", 1.0, "how long the torque acts", "s", 1e-9, LATEST),
+    Parameter("request", "", "name by which a repeated request is recognised"),
 )
 """What a request may hold."""
 

@@ -81,22 +81,22 @@ def go_to(node: Node, attitude: Sequence[float], frame: str, at: float) -> Answe
         if others := set(modes) - {GOAL.name, ""}:
             raise ConfigurationError(
                 f"{REFERENCE}: {REFERENCES.selector} = {others.pop()!r}; allowed: {GOAL.name!r}, "
-                "for goals"
+                "which takes goals"
             )
         return answers.get_publisher_count() > 0 and _all_listen(node, publisher)
 
     await_answer(
         node,
         can_go,
-        f"nobody listens on {node.resolve_topic_name(GOAL_POSE.name)}: is a stack running in this "
-        "domain, with mode: goal?",
+        f"no node listens on {node.resolve_topic_name(GOAL_POSE.name)}: a stack must run there, "
+        f"with {REFERENCES.selector} = {GOAL.name}",
         ask_mode,
     )
     heard.clear()
     await_answer(
         node,
         lambda: bool(heard),
-        f"no answer on {GUIDANCE_STATUS.name}",
+        f"no answer came on {node.resolve_topic_name(GUIDANCE_STATUS.name)}",
         lambda: publisher.publish(goal),
     )
     return Answer(heard[0].message, heard[0].level == DiagnosticStatus.OK)

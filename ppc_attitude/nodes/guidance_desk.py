@@ -189,8 +189,8 @@ class GuidanceDesk:
             if len(point.transforms) != 1:
                 raise ValueError(f"point {i} has {len(point.transforms)} transforms; allowed: 1")
             attitudes.append(_numbers(point.transforms[0].rotation))
-            rates.append(_angular(point.velocities))
-            accelerations.append(_angular(point.accelerations))
+            rates.append(_angular(f"point {i}: velocities", point.velocities))
+            accelerations.append(_angular(f"point {i}: accelerations", point.accelerations))
             offsets.append(point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec)
 
         def profile_from(begin: float) -> Any:
@@ -233,10 +233,10 @@ def _numbers(q: Quaternion) -> list[float]:
     return [q.x, q.y, q.z, q.w]
 
 
-def _angular(twists: Any) -> list[float] | None:
+def _angular(name: str, twists: Any) -> list[float] | None:
     """Angular part of the only twist; None if there is none."""
     if len(twists) > 1:
-        raise ValueError(f"a point has {len(twists)} twists; allowed: up to 1")
+        raise ValueError(f"{name} has {len(twists)} entries; allowed: up to 1")
     return [twists[0].angular.x, twists[0].angular.y, twists[0].angular.z] if twists else None
 
 

@@ -50,7 +50,7 @@ def inject(torque: tuple[float, ...], at: float, duration: float | None, namespa
     with visiting("inject", namespace) as node:
         client = node.create_client(SetParametersAtomically, f"{INJECTOR}/inject")
         name = node.resolve_service_name(f"{INJECTOR}/inject")
-        complaint = f"nobody offers {name}: does a stack run in this domain?"
+        complaint = f"no node offers the service {name}: a stack must run there"
         await_answer(node, client.service_is_ready, complaint)
         unknown = "whether the torque acts is not known; disturbance/torque shows it"
         await_answer(

@@ -102,25 +102,25 @@ class Inbox:
         stamp_ns, frame_id, values = sample
         form = self._topic.form
         if form == WRENCH and not any(values) and self._codec.has_force(data):
-            raise self._refusal("a force without a torque; forces are not used")
+            raise self._refusal("force without a torque; allowed: a torque, as forces are not used")
         if frame_id not in self._frames:
             raise self._refusal(f"frame_id {frame_id!r}; allowed: {self._topic.frame_id!r}")
         if stamp_ns < 0:
-            raise self._refusal(f"negative stamp {stamp_ns} ns")
+            raise self._refusal(f"stamp {stamp_ns} ns; allowed: ≥ 0")
         if not finite(values):
-            raise self._refusal(f"{values} is not finite")
+            raise self._refusal(f"{values}; allowed: finite numbers")
         if self._topic.name == ATTITUDE.name and not any(values):
             return sample  # no estimate yet
         if form == QUATERNION:
             return Sample(stamp_ns, frame_id, self._unit(values))
         if form == FIX and any(values[:4]):
             if min(values[4:]) < 0.0 or max(values[4:]) > FIX_VARIANCE:
-                raise self._refusal(f"variances {values[4:]} rad²; allowed: ≥ 0 and ≤ π² of a fix")
+                raise self._refusal(f"variances {values[4:]} rad² of a fix; allowed: 0 to π²")
             return Sample(stamp_ns, frame_id, (*self._unit(values[:4]), *values[4:]))
         if form == GYRO and values != _NO_RATE and not 0.0 <= values[3] <= GYRO_VARIANCE:
             raise self._refusal(
-                f"variance {values[3]} (rad/s)²; allowed: ≥ 0 and ≤ {GYRO_VARIANCE:g} of a rate, "
-                "−1 of none, which is zero"
+                f"variance {values[3]} (rad/s)²; allowed: 0 to {GYRO_VARIANCE:g}, or −1 with a "
+                "rate of zero, which says that there is no rate"
             )
         if max(map(abs, values)) > LARGEST:
             unit = self._topic.unit

@@ -77,7 +77,8 @@ class NodeParameters:
             of_any_node = {each.name for table in PARAMETERS.values() for each in table}
             others = sorted(strange & of_any_node)
             if others:
-                node.get_logger().warning(f"of other nodes, not used here: {', '.join(others)}")
+                told = f"not used here, as other nodes have them: {', '.join(others)}"
+                node.get_logger().warning(told)
             chosen = {name: value for name, value in chosen.items() if name not in others}
         self.values = resolved(self._table.values(), chosen, executable)
         check(self.values)
@@ -170,8 +171,8 @@ class _Services(ParameterService):
                 super()._set_parameters_callback(SetParameters.Request(parameters=[each]), response)
                 continue
             reason = reason or (
-                f"{each.name}: the file is of several nodes, and does not tell which of their "
-                "values comes here; load one that holds this node's parameters alone"
+                f"{each.name}: the loaded values are of several nodes, and nothing tells which of "
+                "them is this node's; load a file that holds this node's parameters alone"
             )
             response.results.append(SetParametersResult(successful=False, reason=reason))
         return response

@@ -31,7 +31,7 @@ from ppc_attitude.science.stamps import seconds
 
 _ZERO = (0.0, 0.0, 0.0)
 _KNOWN = (0.0, 0.0, 0.0, 1.0)
-_NO_ATTITUDE = f"{ATTITUDE.name} is zero, which is none: zero torque"
+_NO_ATTITUDE = f"{ATTITUDE.name} is all zeros, so the attitude is unknown: zero torque"
 _UNSATURATED = "unsaturated_torque"  # of a law that has a limit
 
 
@@ -56,7 +56,7 @@ class PpcController(ComponentNode):
         outputs = super().compute(stamp_ns, inputs)
         sees = any(inputs.get(ATTITUDE.column, _KNOWN))
         if sees != self._sees and self._has_seen:  # a filter needs a while at first
-            text = f"{ATTITUDE.name} is back" if sees else _NO_ATTITUDE
+            text = f"{ATTITUDE.name} is known again" if sees else _NO_ATTITUDE
             self.say_all([Advice(f"{text} from t = {seconds(stamp_ns):.3f} s on", not sees)])
         self._sees, self._has_seen = sees, self._has_seen or sees
         if not self._enabled:
@@ -75,7 +75,7 @@ class PpcController(ComponentNode):
             self.arm()
             state = "enabled: re-armed from the present error"
         else:
-            state = "enabled already: goes on" if enabled else "disabled: zero torque"
+            state = "enabled already: the law goes on" if enabled else "disabled: zero torque"
         self.get_logger().info(state)
         return SetBool.Response(success=True, message=state)
 

@@ -103,7 +103,7 @@ class PublisherWatch:
                 self._shared[name] = now
             elif now - since >= _LASTS:
                 nodes = ", ".join(sorted(publishing_nodes(self._node, name).values()))
-                text = f"several nodes publish {name}, and who reads it hears all: {nodes}"
+                text = f"several nodes publish {name}, and every reader hears all of them: {nodes}"
                 self._node.get_logger().warning(text)
                 del self._shared[name]
 

@@ -79,8 +79,8 @@ class ReferenceGenerator(ComponentNode):
         while not self.chain.inputs and stamp_ns - reached > _STRIDE:
             text = f"{seconds(reached):.0f} s of {seconds(stamp_ns):.0f} s"
             if self.finished or self.is_asked_to_end():
-                raise RefusedError(f"the state of {seconds(stamp_ns):.0f} s: the node ends before")
-            self.complain("late", f"integrates the motion from zero to the stamp: {text}")
+                raise RefusedError(f"the state of {seconds(stamp_ns):.0f} s: the node ends first")
+            self.complain("late", f"integrating the motion from zero to the state's stamp: {text}")
             self.wake()
             reached += _STRIDE
             self.chain.step(reached, {})

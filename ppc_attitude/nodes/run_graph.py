@@ -114,7 +114,7 @@ class RunGraph:
                         yield home, Topic(short, msgtype, source=name, column=column)
 
     def _can_be_written(self, name: str, msgtype: str) -> bool:
-        reason = "" if BagWriter.knows(msgtype) else f"{msgtype} is not in Jazzy"
+        reason = "" if BagWriter.knows(msgtype) else f"its type {msgtype} is not in ROS 2 Jazzy"
         try:
             message_class(msgtype)
         except (ImportError, AttributeError) as error:

@@ -72,7 +72,8 @@ def run_node(make: type[BaseNode], arguments: Sequence[str] | None = None) -> in
             print(help_text(make.executable, sys.modules[make.__module__].__doc__ or ""))
             return DONE
         if strange:
-            raise ConfigurationError(f"argument {strange[0]}: what is for ROS follows --ros-args")
+            told = f"argument {strange[0]}; allowed: --help, or arguments of ROS after --ros-args"
+            raise ConfigurationError(told)
         rclpy.init(args=command_line, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # rcl raises many types for a bad argument or parameter file
         return _refused(error)

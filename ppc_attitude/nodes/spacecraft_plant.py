@@ -95,8 +95,8 @@ class SpacecraftPlant(BaseNode):
         check_components(PLANT, values)
         if self._sent is not None and not self._sent.issuperset(columns_of(PLANT, values)):
             raise ConfigurationError(
-                "sensing would be exact no more, and the truth is not sent, so that nobody could "
-                f"judge the run: select {SEND_TRUTH.name} = true at start"
+                "sensing would no longer be exact, and this plant does not publish the truth by "
+                f"which a run is judged; restart it with {SEND_TRUTH.name} = true"
             )
 
     def _apply_parameters(self) -> None:
@@ -256,11 +256,12 @@ def _check_pace(values: Mapping[str, Any]) -> None:
     """
     if values["lockstep"]:
         if not values["wait_for"]:
-            raise ConfigurationError(f"{PLANT}: wait_for = []; allowed in lock-step: one or both")
+            both = f"{TORQUE_COMMAND.name}, {DISTURBANCE.name} or both"
+            raise ConfigurationError(f"{PLANT}: wait_for = []; allowed in lock-step: {both}")
     elif nanoseconds(values["command_timeout"]) < stamp_of(1, values["rate"]):
         raise ConfigurationError(
             f"{PLANT}: command_timeout = {values['command_timeout']} s; allowed on the wall clock: "
-            f"from a step on, {seconds(stamp_of(1, values['rate'])):.9g} s, for a command acts in "
+            f"≥ {seconds(stamp_of(1, values['rate'])):.9g} s, one step, because a command acts in "
             "the step after it"
         )
 

@@ -94,11 +94,14 @@ def absolute_namespace(text: str) -> str:
 
 def no_state(namespace: str, patience: float) -> RunError:
     """Return the error if no state came within a time [s]; it names namespace and domain."""
-    domain = os.environ.get(DOMAIN) or "0"  # an empty one is none, as ROS reads it
     return RunError(
         f"no state{f' in {namespace}' if namespace else ''} within {patience:g} s "
-        f"in ROS domain {domain}; `ppc_attitude run` prints the domain that it uses"
+        f"in ROS domain {_domain()}; `ppc_attitude run` prints the domain that it uses"
     )
+
+
+def _domain() -> str:
+    return os.environ.get(DOMAIN) or "0"  # an empty one is none, as ROS reads it
 
 
 def await_answer(
@@ -122,7 +125,8 @@ def await_answer(
         while not condition():
             now = time.monotonic()
             if now > begin + _PATIENCE:
-                raise TimeoutError(f"{complaint} (waited {_PATIENCE:g} s)")
+                waited = f"waited {_PATIENCE:g} s in ROS domain {_domain()}"
+                raise TimeoutError(f"{complaint} ({waited})")
             if now > asked + _AGAIN:
                 asked = now
                 ask()

@@ -65,7 +65,7 @@ class Answers:
                 return self._sent
             if stamp_ns or now - self._answered_at < _SOONEST_START:
                 stamp = f"{topic.name}: stamp {seconds(stamp_ns):.6f} s"
-                raise RefusedError(f"{stamp} comes again with other numbers")
+                raise RefusedError(f"{stamp} comes again with other values")
             kind = StampKind.RESTART  # another plant waits at its start
         if kind is StampKind.STALE:
             raise out_of_order(topic.name, stamp_ns)

@@ -137,7 +137,7 @@ class Fixes(Instant):
         if slot is not None:
             told += f" with the stamp {seconds(slot):.6f} s, as the estimator's parameters say"
         others = ", ".join(f"{seconds(valid):.6f} s" for valid in [*self._fixes][-_TOLD:])
-        return f"{told}; others came, with the stamp {others}" if others else told
+        return f"{told}; fixes came with other stamps: {others}" if others else told
 
     def _complete(self) -> Iterator[tuple[int, Parts]]:
         while self._samples:

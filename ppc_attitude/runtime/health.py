@@ -91,7 +91,7 @@ class Health:
         self._reported_refusals += newly_refused
         if newly_refused:
             level = WARN if level == OK else level
-            summary = f"{summary}; refused {newly_refused} since the last report"
+            summary = f"{summary}; refused {newly_refused} messages since the last report"
         if failure:
             level, summary = ERROR, failure
         refusals = {f"refused {name}": count for name, count in sorted(self.refused.items())}

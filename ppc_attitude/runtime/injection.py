@@ -74,7 +74,7 @@ class Injections:
             raise RefusedError(f"torque = {torque} N·m; allowed: {allowed}")
         self.pulses = [each for each in self.pulses if each["end_ns"][0] > self._stamp]
         if self.pending >= _MOST:
-            raise RefusedError(f"{_MOST} pulses are pending already")
+            raise RefusedError(f"{_MOST} pulses are pending or active; allowed: no more")
         begin = start_ns if start_ns > self._stamp else next_ns
         text = f"{torque} N·m acts from the next state on for {duration:g} s"
         if begin is not None:
@@ -84,7 +84,7 @@ class Injections:
                 if begin == end:
                     raise RefusedError(
                         f"start = {seconds(start_ns):g} s and duration = {duration:g} s: no state "
-                        f"is between; allowed: a duration from {seconds(period_ns)} s on"
+                        f"lies between; allowed: a duration ≥ {seconds(period_ns)} s"
                     )
             text = f"{torque} N·m acts from t = {seconds(begin):.6f} s to {seconds(end):.6f} s"
         self.accepted += 1

@@ -148,8 +148,8 @@ class Pace(ABC):
         if stamp_ns > self.stamp:
             if stamp_ns != self.following:
                 raise RefusedError(
-                    f"{name}: stamp {seconds(stamp_ns):.6f} s is in the future of "
-                    f"{seconds(self.stamp):.6f} s"
+                    f"{name}: stamp {seconds(stamp_ns):.6f} s is in the future; the present state "
+                    f"has {seconds(self.stamp):.6f} s"
                 )
             stream.keep(values)
             return False

@@ -85,7 +85,7 @@ class _Rhythm:
             before, after, _ = self._long
             self._jumped += 1
             if self._jumped <= _MOST_JUMPS:
-                text = f"{_LEAD} jumps from {seconds(before):.6f} s to {seconds(after):.6f} s"
+                text = f"{_LEAD} has a gap from {seconds(before):.6f} s to {seconds(after):.6f} s"
                 self._jumps.append(text)
         self._long = None
 
@@ -96,7 +96,7 @@ class _Rhythm:
         if 4 * self._steady < 3 * self._weighed:
             return []
         more = self._jumped - len(self._jumps)
-        return self._jumps + ([f"{_LEAD} jumps {more} times more"] if more else [])
+        return self._jumps + ([f"{_LEAD} has {more} more gaps"] if more else [])
 
 
 @dataclass(slots=True)

@@ -39,7 +39,7 @@ def out_of_order(name: str, stamp_ns: int) -> RefusedError:
     stamp = f"{name}: stamp {seconds(stamp_ns):.6f} s"
     if stamp_ns > _LATEST_NS:
         # A clock that counts since 1970, most likely. References integrate from zero to the stamp.
-        return RefusedError(f"{stamp} is beyond {LATEST:g} s; stamps count from a run's begin")
+        return RefusedError(f"{stamp}; allowed: up to {LATEST:g} s from the start of the run")
     return RefusedError(f"{stamp} is out of order")
 
 
