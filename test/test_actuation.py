@@ -177,7 +177,7 @@ def test_wheels_that_change_in_flight_are_judged_by_what_they_became(gains: Path
     record = with_columns(record, disturbance_torque=torque)
     assert held_by(record).note == ""
     changes = tuple(Change(10**9, PLANT, *each) for each in became.items())
-    told = "suspended: a torque beyond the assumed one at 101 instants"
+    told = "suspended: a disturbance beyond the assumed one at 101 instants"
     assert held_by(replace(record, changes=changes)).note == told
     slow = (Change(10**9, PLANT, "wheels.max_speed", [1e-3]),)
     told = "suspended: a wheel at its largest speed at 101 instants"

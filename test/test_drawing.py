@@ -65,8 +65,8 @@ def test_what_is_kept(n, seed, holes):
         (
             [
                 "pointing: truth against reference",
-                "control: told against reference",
-                "knowledge: truth against told",
+                "control: estimate against reference",
+                "knowledge: truth against estimate",
                 "settled < 0.1 deg",
                 "terminal < 0.05 deg",
             ],

@@ -121,8 +121,8 @@ def test_the_three_errors_are_drawn_where_they_differ(normal):
     told = with_columns(normal, truth_attitude=normal["reference_attitude"])
     (axes,) = pointing_figure(Measured(told)).axes
     assert list(labelled(axes)) == [
-        "control: told against reference",
-        "knowledge: truth against told",
+        "control: estimate against reference",
+        "knowledge: truth against estimate",
         "pointing: truth against reference",
     ]
 

@@ -197,7 +197,7 @@ def test_verdict_says_when_the_wheels_momentum_ran_out():
     judged = requirement(Verdict(replace(run, parameters=plant)), "wheel_speed")
     full = t[6.0 * t > 0.99 * 600.0][0]
     assert not judged.met
-    assert judged.note == f"wheel 1 is above it from {full:g} s on: momentum runs out"
+    assert judged.note == f"wheel 1 is above the limit from {full:g} s on, so momentum runs out"
 
 
 def with_gap(run, start, end):

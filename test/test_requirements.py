@@ -114,7 +114,7 @@ def test_a_limit_on_a_quaternion_is_one_on_its_vector(tmp_path: Path) -> None:
         ("torque: ideal", "torque = 'ideal'; allowed: a number > 0 or 'actuator'; null"),
         ("settled: fast", "settled = 'fast'"),
         ("settled: null", "settled = None"),
-        ("rate: true", "rate = True; allowed: a number > 0; null asks for nothing"),
+        ("rate: true", "rate = True; allowed: a number > 0; null for no such requirement"),
         ("rate: .nan", "rate = nan"),
         ("recovery: []", r"recovery = \[\]"),
         ("terminal_window: 1.0e+300", r"allowed: a number > 0, ≤ 1e\+08 s"),

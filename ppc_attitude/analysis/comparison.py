@@ -147,7 +147,7 @@ def comparisons_of(runs: Sequence[Measured]) -> tuple[Drawn, list[str]]:
         except AnalysisError as error:
             lacking.append(f"{name} is not drawn: {error}")
     if not drawn:
-        raise AnalysisError(f"the runs have nothing in common to compare: {lacking[0]}")
+        raise AnalysisError(f"the runs have no quantity in common to compare: {lacking[0]}")
     return drawn, lacking
 
 

@@ -79,8 +79,8 @@ def pointing_figure(run: Measured) -> Figure:
     kinds = []
     if run.truth.standing != EXACT:
         for label, errors, colour in (
-            ("control: told against reference", run.control, BLUE),
-            ("knowledge: truth against told", run.knowledge, RED),
+            ("control: estimate against reference", run.control, BLUE),
+            ("knowledge: truth against estimate", run.knowledge, RED),
         ):
             kinds += [(label, errors, colour)] if errors is not None else []
     kinds.append(("pointing: truth against reference", run.pointing, BLACK))  # over the others

@@ -116,7 +116,8 @@ def certificate_held(record: RunRecord) -> Held | None:
         return None
     nothing = np.zeros(record.stamps_ns.size, dtype=np.bool_)
     if not all(each.name in values for each in PARAMETERS):
-        return Held(nothing, "the record lacks parameters of the law", "")
+        lacks = ", ".join(each.name for each in PARAMETERS if each.name not in values)
+        return Held(nothing, f"the record lacks the parameters {lacks}", "")
     if absent := [name for name in _NEEDED if not has(record, name)]:
         return Held(nothing, f"the record lacks {', '.join(absent)}", "")
     try:
@@ -197,7 +198,7 @@ def _broken(parameters: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
     if not values.get(ENABLED, True):
         yield "the law was switched off"
     if values[CERTIFICATE.name] != digest_of(values):
-        yield "the certificate is for other numbers"
+        yield "the certificate is for other parameter values"
     elif parameters.get(PLANT):
         yield from broken_assumptions(
             assumptions_of(values), law_of(values), nodes_around(parameters)
@@ -223,7 +224,7 @@ def _assumptions(record: RunRecord) -> dict[str, Mask]:
         found.update(_momentum(record, assumed.momentum))
     if has(record, DISTURBANCE.column):
         torque = np.abs(record[DISTURBANCE.column]).max(axis=1)
-        found["a torque beyond the assumed one"] = torque > external
+        found["a disturbance beyond the assumed one"] = torque > external
     found.update(_reference(record, *(values[f"{PREFIX}assumed.{each}"] for each in _MOTION)))
     found.update(_knowledge(record, values[PREFIX + "e_A"], values[f"{PREFIX}assumed.e_W"]))
     gaps = np.diff(record.stamps_ns, prepend=record.stamps_ns[0])
@@ -243,14 +244,14 @@ def _reference(record: RunRecord, W: float, W1: float, W2: float) -> dict[str, M
     change = np.diff(acceleration, axis=0, prepend=acceleration[:1])
     harder = np.linalg.norm(acceleration, axis=1) > W1
     harder |= np.linalg.norm(change, axis=1) > h * W2 + _ROUNDING
-    found = {"a faster reference": np.linalg.norm(rate, axis=1) > W}
+    found = {"a reference faster than assumed": np.linalg.norm(rate, axis=1) > W}
     if has(record, REFERENCE_ATTITUDE.column):
         attitude = record[REFERENCE_ATTITUDE.column]
         error = errors_of(attitude, np.roll(attitude, 1, axis=0)).quaternions
         turned = 2.0 * np.sign(error[:, 3:]) * error[:, :3]  # but for (h W)³/24
         limit = h**3 * ((W2 + W * W1) / 12.0 + W**3 / 24.0)
-        found["a reference that turns otherwise than it tells"] = _jumps(turned, rate, h, limit)
-    found["a reference that turns harder"] = harder
+        found["a reference attitude that contradicts its rate"] = _jumps(turned, rate, h, limit)
+    found["a reference that accelerates harder than assumed"] = harder
     limit = 0.25 * h**2 * W2
     found["a reference whose rate jumps"] = _jumps(gained, acceleration, h, limit)
     return found

@@ -116,11 +116,11 @@ def _mark_orders(axes: Axes, flight: Flight, start: float) -> None:
     for word, until in zip(flight.words, reversed(ends), strict=False):
         for leg in word.legs:
             if leg.begin < until:
-                label, colour = ("turn", BLUE) if leg.turns else ("brake, or timed", ORANGE)
+                label, colour = ("turn", BLUE) if leg.turns else ("brake or timed profile", ORANGE)
                 span = (leg.begin - start, min(leg.end, until) - start)
                 axes.axvspan(*span, color=colour, alpha=0.12, linewidth=0, label=label)
         colour = RED if word.warning else GREY
-        label = "refused, or warned" if word.warning else "order"
+        label = "refusal or warning" if word.warning else "order"
         axes.axvline(word.time - start, color=colour, linewidth=0.8, linestyle=":", label=label)
 
 

@@ -86,7 +86,7 @@ def replay(run: Measured) -> str:
     )
     return (
         f'<div class="replay"><p>Solid: the craft and its axes; dashed: the reference; black: the '
-        f"applied torque. Drag to look from elsewhere.</p>{content}</div>"
+        f"applied torque. Drag to turn the view.</p>{content}</div>"
     )
 
 

@@ -117,7 +117,7 @@ def judge_cones(run: Measured) -> Iterator[Requirement]:
     if approaches:
         worst = max(approaches, key=lambda each: each.half_angle - each.angle)
         angle, half_angle = np.rad2deg([worst.angle, worst.half_angle])
-        note = f"{angle:.4g}° from {worst.direction}, allowed {half_angle:.4g}°"
+        note = f"came within {angle:.4g}° of {worst.direction}, allowed {half_angle:.4g}°"
         yield run.row("keep_out", float(half_angle - angle), 0.0, "deg", why, note=note)
     elif why:  # cones that came in flight
         yield run.row("keep_out", None, 0.0, "deg", why)

@@ -146,8 +146,8 @@ class Verdict(Measured):
         sizes = []
         for name, meaning, errors in (
             ("pointing", "truth against reference", self.pointing),
-            ("control", "told against reference", self.control),
-            ("knowledge", "truth against told", self.knowledge),
+            ("control", "estimate against reference", self.control),
+            ("knowledge", "truth against estimate", self.knowledge),
         ):
             angles = np.empty(0) if errors is None else np.rad2deg(errors.angles[self.last])
             angles = angles[np.isfinite(angles)]
@@ -257,7 +257,7 @@ class Verdict(Measured):
             if value >= deadline:
                 why = why or f"the record of the error begins at {value:g} s, after the deadline"
         if not why and self.metrics.settled is False and (value or 0.0) < deadline:
-            why = f"a sudden disturbance came when it was {note}"
+            why = f"a sudden disturbance came when the craft was {note}"
         if value is not None and (unseen := self.hidden.get(None)):
             note = f"at most: {not_on_record(unseen)}"
             if unseen[0] < deadline <= value:  # the error may have settled on either side of it

@@ -38,9 +38,9 @@ from ppc_attitude.analysis.verdict import Requirement, number_text, span_text, t
 
 _METRICS = (
     ("settling_time_s", "settling time", "s"),
-    ("error_after_settling_deadline", "largest attitude error q_ev on an axis, no recoveries", ""),
-    ("error_from_deadline_with_recoveries", "largest q_ev on an axis, with recoveries", ""),
-    ("terminal_error", "largest q_ev on an axis, at the end", ""),
+    ("error_after_settling_deadline", "largest |q_ev,i| after the deadline, no recoveries", ""),
+    ("error_from_deadline_with_recoveries", "largest |q_ev,i| after the deadline", ""),
+    ("terminal_error", "largest |q_ev,i| at the end", ""),
     ("max_rate_deg_s", "largest angular rate (norm) before a sudden disturbance", "deg/s"),
     ("max_rate_whole_run_deg_s", "largest angular rate (norm), whole run", "deg/s"),
     ("max_rate_axis_deg_s", "largest rate on an axis before a sudden disturbance", "deg/s"),

@@ -186,15 +186,15 @@ def names_of(required: Requirements) -> dict[str, str]:
         "recovery": "recovery from a sudden disturbance",
         **{f"limit_{column}": column.replace("_", " ") for column in required.limits},
         "momentum": "momentum of the wheels (norm)",
-        "wheel_speed": "speed of a wheel, share of its largest",
+        "wheel_speed": "speed of a wheel, share of its limit",
         "fuel": "fuel that the thrusters used",
         "refused_orders": "orders that the guidance refused",
         "keep_out": "angle inside a keep-out cone",
-        "certificate": "certificate held: time outside",
+        "certificate": "certificate held: time outside its bounds",
         "reported_error": "difference in the reported attitude error",
-        "knowledge": "knowledge error (truth against told)",
+        "knowledge": "knowledge error (truth against estimate)",
         "knowledge_outside": "share of knowledge errors outside 3σ, worst axis",
-        "nis": "mean NIS of the fixes, from 3",
+        "nis": "mean NIS of the fixes, distance from 3",
         "refused_fixes": "good fixes refused",
         "lost_messages": "messages missing or not finite",
     }
@@ -232,6 +232,6 @@ def _positive(name: str, value: Any, high: float = math.inf, also: str = "") -> 
         number = math.nan
     if not (0.0 < number <= high and math.isfinite(number)):
         most = f", ≤ {high:g}" if math.isfinite(high) else ""
-        none = "; null asks for nothing" if name in _OPTIONAL else ""
+        none = "; null for no such requirement" if name in _OPTIONAL else ""
         raise ConfigurationError(f"{name} = {value!r}; allowed: a number > 0{most}{also}{none}")
     return number

@@ -60,7 +60,7 @@ def judge_wheels(run: Measured) -> Iterator[Requirement]:
     if run.required.momentum is not None:
         held, why = wheel_momentum(run.record), run.lacks(wheels.SPEED.name)
         if held is None and not why:
-            why = f"no numbers of the wheels ({wheels.INERTIA.name} of {PLANT}) on record"
+            why = f"no parameters of the wheels ({wheels.INERTIA.name} of {PLANT}) on record"
         yield run.row("momentum", largest(held), run.required.momentum, "N·m·s", why)
     if has(run.record, wheels.SPEED.name):
         shares, why = wheel_shares(run.record), run.changed(PLANT, wheels.MAX_SPEED.name)
@@ -69,7 +69,7 @@ def judge_wheels(run: Measured) -> Iterator[Requirement]:
         note = ""
         if shares is not None and len(above := np.argwhere(shares > RESERVE)):
             since, wheel = run.t[above[0, 0]], above[0, 1]
-            note = f"wheel {wheel} is above it from {since:.6g} s on: momentum runs out"
+            note = f"wheel {wheel} is above the limit from {since:.6g} s on, so momentum runs out"
         yield run.row("wheel_speed", largest(shares), RESERVE, "", why, note=note)
 
 

@@ -102,7 +102,7 @@ def load_campaign(path: Path, base: Scenario, seed: int) -> Campaign:
     """
     content = read(path, "campaign file")
     if not isinstance(content, Mapping) or list(content) != ["campaign"]:
-        raise ConfigurationError(f"campaign file {path}: needs the key campaign at its top, alone")
+        raise ConfigurationError(f"campaign file {path}: allowed: one key at its top, campaign")
     try:
         return campaign(content["campaign"], base, seed)
     except ConfigurationError as error:

@@ -67,7 +67,7 @@ def bands_figure(bands: QuantileBands, required: Requirements = PAPER) -> Figure
     _bands(bottom, t, bands, "normalised_error")
     limit_lines(bottom, 1.0, label="envelope")
     bottom.set_yscale("log")
-    bottom.set_ylabel(r"own error / envelope $\max_i|q_{ev,i}|/\rho_{q,i}$ [1]")
+    bottom.set_ylabel(r"law's error / envelope $\max_i|q_{ev,i}|/\rho_{q,i}$ [1]")
     for axes in (top, bottom):
         time_axis(axes, bands.ends)
         legend(axes)
@@ -95,7 +95,7 @@ def failing_figure(passing: Sample, failing: Sample, units: Mapping[str, str]) -
     figure, row = panels(1, len(couples), width=PAGE_WIDTH, row_height=2.7)
     figure.set_dpi(200)  # of the points, which are pixels in the page: there may be thousands
     for axes, (x, y) in zip(row, couples, strict=True):
-        for runs, colour, label, size in ((passing, GREY, "all met", 4), (failing, RED, "not", 6)):
+        for runs, colour, label, size in ((passing, GREY, "met", 4), (failing, RED, "NOT MET", 6)):
             both = [(run[x], run[y]) for run in runs if x in run and y in run]
             points = np.array(both).reshape(-1, 2)
             axes.scatter(

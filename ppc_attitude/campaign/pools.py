@@ -193,7 +193,8 @@ def connected(address: str) -> Any:
     try:  # Dask's client takes a minute to refuse a text that is no address
         get_address_host_port(address)
     except ValueError as error:
-        raise ConfigurationError(f"scheduler = {address}: {error}") from None
+        allowed = "an address such as tcp://host:8786"
+        raise ConfigurationError(f"scheduler = {address}; allowed: {allowed} ({error})") from None
     connect: Any = distributed.Client  # carries no types
     client = None
     try:

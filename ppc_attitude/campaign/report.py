@@ -41,11 +41,11 @@ from ppc_attitude.campaign.variables import varying
 
 _BANDS = (
     "Attitude error of all runs (top) and the part of its envelope that it fills (bottom): "
-    "the largest value in each of the time bins; dashed: 5 % and 95 % of the envelopes"
+    "the largest value in each time bin; dashed: 5 % and 95 % quantiles of the envelopes"
 )
 _FAILING = (
-    f"Where runs fail, over the drawn variables that tell failing runs from others best: the first "
-    f"{SAMPLE_SIZE} that meet everything and the first {SAMPLE_SIZE} that do not"
+    f"Where runs fail, over the drawn variables that separate failing runs best: the first "
+    f"{SAMPLE_SIZE} that meet every requirement and the first {SAMPLE_SIZE} that do not"
 )
 
 
@@ -149,7 +149,7 @@ def _worst(summary: Summary, again: Sequence[str]) -> str:
         rows.append((name, runs, Html(f"<code>{escape(command)}</code>")))
     if not rows:
         return "<p>No run failed a requirement.</p>"
-    head = [("requirement", "name"), ("run (value), worst first", ""), ("the worst again", "")]
+    head = [("requirement", "name"), ("run (value), worst first", ""), ("to repeat the worst", "")]
     return table(head, rows)
 
 

@@ -122,7 +122,7 @@ def run_chunk(campaign: Campaign, start: int, stop: int, loop: Loop | None = Non
     ]
     if different:
         raise CampaignError(
-            f"a worker has other versions than this command and could give other numbers: "
+            f"a worker has other versions than this command, so its results could differ: "
             f"{', '.join(different)}"
         )
     loop, empty = loop or loop_of(campaign), dict.fromkeys(row_types(campaign))

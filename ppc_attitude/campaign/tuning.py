@@ -114,7 +114,7 @@ def tuned(
     law = campaign.scenario.controller.name
     names = GAINS.get(law)
     if names is None:
-        raise ConfigurationError(f"controller = {law}; gains are searched for {', '.join(GAINS)}")
+        raise ConfigurationError(f"controller = {law}; allowed for a search: {', '.join(GAINS)}")
     with needed_by("the search needs CMA-ES", "guarantee"):
         import cma
     given = {name: campaign.scenario.number(CONTROLLER, name) for name in names}

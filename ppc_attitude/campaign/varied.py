@@ -105,7 +105,8 @@ def varied(declaration: Mapping[str, Any], base: Scenario) -> dict[str, Varied]:
     """
     section = declaration.get("parameters", {})
     if not isinstance(section, Mapping):
-        raise ConfigurationError(f"parameters = {section!r}; allowed: a mapping of names")
+        allowed = "a mapping of NODE.PARAMETER to distribution"
+        raise ConfigurationError(f"parameters = {section!r}; allowed: {allowed}")
     found = {
         name: _read(name, target, declaration[name], base, PARAMETERS[PLANT])
         for name, target in SHORT.items()
@@ -117,13 +118,13 @@ def varied(declaration: Mapping[str, Any], base: Scenario) -> dict[str, Varied]:
         node = str(name).partition(".")[0]
         if node not in SOURCES:
             nodes = ", ".join(SOURCES)
-            raise ConfigurationError(f"parameters has {name}; allowed: NODE.NAME, of {nodes}")
+            raise ConfigurationError(f"parameters has {name}; allowed: NODE.PARAMETER of {nodes}")
         found[name] = _read(name, name, each, base, _running(node, base))
     varying: set[tuple[str, str, int]] = set()
     for name, each in found.items():
         targets = {(each.node, each.parameter, place) for place in each.places or (0,)}
         if targets & varying:
-            raise ConfigurationError(f"parameters: what {name} varies is varied twice")
+            raise ConfigurationError(f"parameters: {name} and another name vary the same number")
         varying |= targets
     return found
 

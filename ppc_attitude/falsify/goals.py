@@ -72,7 +72,7 @@ class Goal:
         """Value of a run of so long [s] for a reader."""
         if self.name == "settling" and value > duration:
             return f"not settled at {duration:g} s (error {value - duration:.3g})"
-        return f"{value:.6g} {_UNITS.get(self.name, 'of its bound')}".rstrip()
+        return f"{value:.6g} {_UNITS.get(self.name, 'times its bound')}".rstrip()
 
     def value(self, record: RunRecord, law: Component) -> float:
         """Value of a run, [s], [1], [deg/s] or by its bound; infinite if the run is not finite."""

@@ -95,7 +95,8 @@ class Search:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                raise ConfigurationError(f"another search uses {self._file.parent}") from None
+                told = f"another search uses {self._file.parent}; allowed: an unused folder"
+                raise ConfigurationError(told) from None
             yield file
 
     def _read(self) -> list[list[float]]:
@@ -167,7 +168,8 @@ class Search:
                     file.write(json.dumps(values) + "\n")
                     file.flush()
                 if len(values) != len(questions):
-                    raise ConfigurationError(f"{self._file} has a generation of another size")
+                    told = f"a generation of {len(values)} runs; allowed: {len(questions)}"
+                    raise ConfigurationError(f"{self._file} has {told}")
                 # CMA-ES minimises; a run that was not finite counts as the worst case.
                 strategy.tell(questions, [-min(each, _WORST) for each in values])
                 top = int(np.argmax(values))

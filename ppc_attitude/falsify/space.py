@@ -90,8 +90,8 @@ class Space:
         if self.eta < 1.0 and not weakened(self.base.parameters[PLANT], self.eta):
             actuator = self.base.parameters[PLANT][ACTUATORS.selector]
             raise ConfigurationError(
-                f"strength = {self.eta:g}: {ACTUATORS.selector} = {actuator} declares no limits; "
-                "allowed: 1"
+                f"strength = {self.eta:g}; allowed: 1, as {ACTUATORS.selector} = {actuator} "
+                "declares no limits"
             )
         extreme = self.scenario(np.ones(self.size))  # as fast, as weak and as late as any
         check_components(PLANT, extreme.parameters[PLANT])
