@@ -83,7 +83,7 @@ def test_the_command_says_what_it_found(tmp_path: Path, ask: Ask) -> None:
     first, cut, last = ask("recover", bag).out.splitlines()
     count = len(RUN.stamps_ns) * len(SAMPLED)
     assert first == f"{count} messages on {len(SAMPLED)} topics, received within 1.000 s"
-    assert cut.startswith("it was cut: it has no metadata.yaml")
+    assert cut.startswith("the bag was cut: it has no metadata.yaml")
     assert last == f"bag: {bag}"
 
 

@@ -368,7 +368,7 @@ def test_the_commands_take_bags_of_hardware(tmp_path: Path, ask: Ask) -> None:
     assert f"warning: comparison_rate_error is not drawn: {hardware}: the record has no" in said
     assert "Pointing errors" in compared.read_text()
     refused = ask("analyse", hardware, *topics, "--topic=attitude=/goal", code=BAD_INPUT).err
-    assert refused == "error: --topic attitude is given as /imu/data and as /goal\n"
+    assert refused == "error: --topic attitude = /imu/data and /goal; allowed: one\n"
     assert "controller 'unknown'" in ask("replay", hardware, *topics, code=BAD_INPUT).err
 
 

@@ -64,7 +64,7 @@ def test_a_container_may_have_less_than_the_machine(
         limit.write_text(enough)
         check_memory(load([PAPER], {PLANT: {"duration": 100.0}}))
     limit.write_text("501000000\n")
-    with pytest.raises(ConfigurationError, match=r"0\.000931 are free"):
+    with pytest.raises(ConfigurationError, match=r"0\.000931 GiB are free"):
         check_memory(load([PAPER], {PLANT: {"duration": 100.0}}))
 
 
@@ -73,7 +73,7 @@ def test_runs_of_a_cluster_take_no_memory_of_this_machine(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Ask
 ) -> None:
     monkeypatch.setattr(memory, "_free", lambda: 1.0)
-    for more, told in (([], "are free"), (["--scheduler", "nobody"], "scheduler = nobody: ")):
+    for more, told in (([], "GiB are free"), (["--scheduler", "nobody"], "scheduler = nobody; ")):
         assert told in ask(command, f"--out={tmp_path / 'out'}", *more, code=BAD_INPUT).err
 
 

@@ -135,7 +135,7 @@ def test_a_search_says_that_its_scheduler_was_lost(
     cluster.scheduler.wait()
     assert search.ends() == 3
     told = search.err.splitlines()[-1]
-    assert told == f"error: the scheduler {cluster.address} was lost; the same command goes on"
+    assert told == f"error: the scheduler {cluster.address} was lost; the same command continues"
 
 
 @pytest.mark.long

@@ -300,4 +300,4 @@ def test_ctrl_c_ends_all_workers_and_keeps_what_is_done(
     assert "Traceback" not in campaign.err
     done = len(rows_of(out))
     assert done > 0
-    assert f"error: interrupted after {done} of 1000000 runs; {out} holds these" in campaign.err
+    assert f"error: interrupted after {done} of 1000000 runs; {out} holds them" in campaign.err

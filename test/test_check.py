@@ -97,8 +97,9 @@ def test_a_wish_is_told_what_it_needs_at_best_and_what_that_leaves(cubesat: Scen
     needs = math.radians(120.1) / rate + rate / acceleration - turns_on
     assert found["time to turn"].value == pytest.approx(needs)
     assert found["time to turn"].meaning == (
-        "an error of 0.1 deg from rest at 120° needs 28.4 s at least about its eigenaxis, "
-        "with 0.002 N·m on an axis and within 5 deg/s; the requirement is 90 s, which leaves 61.6 s"
+        "an error of 0.1 deg from rest at 120° needs 28.4 s or more about its eigenaxis, "
+        "with at most 0.002 N·m an axis and within 5 deg/s; the requirement is 90 s, which leaves "
+        "61.6 s"
     )
     assert found["time of the law"].holds
     hasty = conditions(cubesat, replace(TENTH, settling_deadline=60.0), THIRD)["time of the law"]
@@ -380,7 +381,7 @@ def test_what_a_file_sets_and_nothing_selected_has_is_told(tmp_path: Path, ask: 
     given = {"wheels.max_speed": [400.0], "max_torque": 0.04, "wheels.null_gain": 0.02}
     file = overlay(tmp_path / "idle.yaml", {PLANT: given})  # of the last the default
     page = ask("check", "--config", file).out
-    assert "warning: no selected component has wheels.max_speed, which a file sets" in page
+    assert "warning: no selected component has wheels.max_speed, so a file sets it" in page
     files = [*configs("paper", "wheels"), file]
     told = ask("check", *(f"--config={each}" for each in files), "--json").json
     assert told["idle_parameters"] == []  # the law's max_torque is in use

@@ -352,7 +352,7 @@ def test_a_plant_that_somebody_else_asks_to_end_has_not_finished(
     plant: Any = run._nodes[PLANT]
     plant.listen, plant.process.poll = lambda patience=0.0: None, lambda: 0
     plant.process.returncode = 0
-    why = f"{PLANT} ended with exit code 0: somebody else asked it to"
+    why = f"{PLANT} ended with exit code 0: somebody else asked it to end"
     with pytest.raises(StackError, match=why):
         run.goes_on(Event())
     plant.told[FINISHED] = True

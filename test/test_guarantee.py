@@ -253,7 +253,7 @@ def test_a_changed_number_voids_the_certificate(
 def test_what_is_no_certificate_is_refused_by_name(tmp_path: Path, text: str) -> None:
     path = tmp_path / "mine.yaml"
     certificate_path(path).write_text(text)
-    with pytest.raises(ConfigurationError, match=r"certificate .*mine.certificate.json is none: "):
+    with pytest.raises(ConfigurationError, match=r"mine.certificate.json is no certificate: "):
         stored_certificate([path])
 
 

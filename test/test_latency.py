@@ -82,7 +82,7 @@ def test_too_few_states_to_tell_a_period_are_told(
 ) -> None:
     few = Latencies(states, np.nan, np.full(states, TRIP))
     monkeypatch.setattr(latency_probe, "measure", lambda *_: few)
-    text = f"{states} states were measured; two and more tell their period"
+    text = f"{states} states were measured; their period follows from two or more"
     told = ask("latency", "--live", "--duration", 0.01, code=exits.BROKEN)
     assert told == ("", f"error: {text}\n")
     latency._print(few)  # of a run of its own

@@ -88,7 +88,7 @@ def test_without_a_recorder_nobody_waits_for_one() -> None:
     ("given", "message"),
     [
         ({"config": "none.yaml"}, "none.yaml"),
-        ({"without": "controller"}, "controller is no node; nodes: attitude_estimator"),
+        ({"without": "controller"}, "controller is no node; allowed: attitude_estimator"),
         ({"duration": "long"}, "duration = 'long'"),
         ({"duration": "-1"}, "duration = -1.0 s"),
     ],

@@ -317,7 +317,7 @@ def test_a_replay_of_a_record_that_begins_late_says_why_it_differs(
     for begin, code in ((0, 0), (100, 1)):  # with whom nobody knows where time begins
         cut = part_of(replace(run, parameters=rig), slice(begin, None))
         write_run(cut, tmp_path / f"rig{begin}")
-        reason = "warning: nothing tells if the record begins with the run"
+        reason = "warning: the record may begin after the run"
         assert (reason in ask("replay", tmp_path / f"rig{begin}", code=code).err) == bool(code)
 
 
@@ -341,9 +341,9 @@ def test_the_command_names_a_law_that_is_not_installed_and_replays_the_rest(
     write_run(replace(record, controller="theirs", parameters=parameters), tmp_path / "bag")
     told, said = ask("replay", tmp_path / "bag")
     assert "rigid_body: 11 steps replayed" in told
-    assert told.count("not known here, so left out: controller = theirs\n") == 1
+    assert told.count("not installed here, so left out: controller = theirs\n") == 1
     assert "warning: not installed: controller = theirs; columns that only these give" in said
-    assert "not known here, so left out: theirs.gain" in told
+    assert "not installed here, so left out: theirs.gain" in told
     page = ask("replay", tmp_path / "bag", "--json").json
     assert list(page) == described("replay")
     assert page["largest_difference"] is page["steps"] is None

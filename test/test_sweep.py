@@ -66,7 +66,7 @@ def test_the_table_says_what_hits_and_gives_the_verdict_of_the_requirements(
     assert lines[0].startswith("0.8 N·m on every axis from 1 s on")
     assert lines[-1].split()[-1] == "met"
     lines = ask(*early).out.splitlines()
-    assert "The craft has not settled when it is hit, so that its times include settling." in lines
+    assert "The craft has not settled when it is hit, so that the times include settling." in lines
     assert lines[-1].endswith("NOT MET")
     asked.write_text("settled: 40 deg\nrecovery: 0.5\n")
     late = ask(*early, "--requirements", asked).out.splitlines()[-1]

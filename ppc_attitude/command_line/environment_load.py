@@ -111,7 +111,7 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
         acting = rotate(attitude, vector(environment.output(ENVIRONMENT_TORQUE.name)))
         whole += end / count * np.array(acting)
     full = times[np.array(shares) > RESERVE]
-    passed = f", passed at {full[0]:.4g} s" if full.size else ""
+    passed = f"; a wheel exceeds the limit from {full[0]:.4g} s on" if full.size else ""
     yield Condition(
         "speed of a wheel",
         max(shares),
@@ -119,6 +119,6 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
         "≤",
         "",
         False,
-        f"share of its largest to which {end:g} s of the environment bring a wheel, if the craft "
-        f"follows its reference{passed}",
+        f"largest share of its speed limit that a wheel reaches in {end:g} s of the environment's "
+        f"torque, if the craft follows its reference{passed}",
     )

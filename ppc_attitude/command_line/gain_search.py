@@ -45,8 +45,8 @@ def search_gains(arguments: argparse.Namespace, scenario: Scenario) -> int:
     varied = _campaign(arguments, scenario)
     if varied.duration < varied.required.settling_deadline:
         raise ConfigurationError(
-            f"duration = {varied.duration:g} s; allowed: from the settling deadline of "
-            f"{varied.required.settling_deadline:g} s on, without which nothing is judged"
+            f"duration = {varied.duration:g} s; allowed: ≥ {varied.required.settling_deadline:g} "
+            "s, the settling deadline, because shorter runs cannot be judged"
         )
     stoppable(lambda: warm_up(scenario))
     with threads() as executor, tqdm(unit=" candidates", file=sys.stderr) as bar:
@@ -81,7 +81,7 @@ def _campaign(arguments: argparse.Namespace, scenario: Scenario) -> Campaign:
 
 def _told(found: Tuned, law: str) -> list[str]:
     median, worst = found.settling
-    times = f"median {median:.1f} s, worst {worst:.1f} s" if math.isfinite(worst) else "not all"
+    times = f"median {median:.1f} s, worst {worst:.1f} s" if math.isfinite(worst) else "not always"
     gains = ", ".join(f"{name} = {gain!r}" for name, gain in found.gains.items())
     return [
         f"{law}: the best of {found.candidates} sets of gains: {gains}",

@@ -76,7 +76,7 @@ def stored_certificate(configurations: Sequence[Path]) -> dict[str, Any] | None:
                 with path.open(encoding="utf-8") as file:
                     return _stated(parsed_json(file.read(LARGEST + 1)))
             except (ValueError, LookupError, TypeError, OverflowError) as error:
-                raise ConfigurationError(f"certificate {path} is none: {error!r}") from None
+                raise ConfigurationError(f"{path} is no certificate: {error!r}") from None
     return None
 
 
@@ -90,9 +90,9 @@ def _stated(content: Any) -> dict[str, Any]:
     ]
     numbers = [terminal, *(number for promise in promises for number in promise.values())]
     if not (0.0 < accuracy <= 1.0 and all(0.0 <= number < math.inf for number in numbers)):
-        raise ValueError("a number in it means nothing")
+        raise ValueError("a number is out of range; allowed: 0 < accuracy ≤ 1, others ≥ 0, finite")
     if not all(len(each[side]) == len(_SIDES) for each in inequalities for side in _SIDES):
-        raise ValueError("a side of an inequality has a lower and an upper bound")
+        raise ValueError("each side of an inequality needs two numbers, lower and upper bound")
     return {
         "digest": content["digest"],
         "accuracy": accuracy,
@@ -125,10 +125,10 @@ def promise_lines(certificate: Certificate, assumed: Assumptions) -> list[str]:
     if certificate.promises and momentum:
         most = float(np.linalg.eigvalsh(np.reshape(assumed.inertia, (3, 3)))[-1])
         lines.append(
-            f"while the momentum ‖Jω + h‖ of craft and wheels is at most {momentum:g} N·m·s (from "
-            f"about {math.degrees(momentum / most):.3g} deg/s on the craft alone may have more; "
+            f"while the momentum ‖Jω + h‖ of craft and wheels is at most {momentum:g} N·m·s (the "
+            f"craft alone may have more above {math.degrees(momentum / most):.3g} deg/s; "
             "a hit or magnetorquers may add to it) "
-            "and no wheel is a sample away from its largest speed"
+            "and no wheel can reach its largest speed within a sample"
         )
     return lines
 
@@ -171,7 +171,7 @@ class Judgement:
         self.doubts += differences(stored, self.certificate) if stored else []
         digest = values[CERTIFICATE.name]
         if digest and digest != self.certificate.digest:
-            self.doubts.append(f"{CERTIFICATE.name} is the digest of other numbers")
+            self.doubts.append(f"{CERTIFICATE.name} is the digest of other parameter values")
 
     def of_hit(self, torque: float, duration: float) -> str:
         """Say when a settled craft has recovered from a hit.
@@ -182,17 +182,17 @@ class Judgement:
             Nothing is promised after this hit.
         """
         if not self.holds:
-            raise ConfigurationError("nothing is guaranteed, so nothing is after a hit")
+            raise ConfigurationError("--hit: no certificate holds, so no recovery is guaranteed")
         if nodes_around(self._scenario.parameters).estimated:
             raise ConfigurationError(
-                "a hit makes the gyro, which tells the mean rate of a step, lag by more than e_W = "
-                f"{self._assumed.e_W:.4g} rad/s: no time is promised after it"
+                "--hit: the gyro gives the mean rate of a step, which a hit makes lag by more than "
+                f"e_W = {self._assumed.e_W:.4g} rad/s, so no recovery is guaranteed"
             )
         envelope = Envelope(Bounds(self._assumed, self._law, balls()))
         time = envelope.recovery(torque, duration, self.certificate.accuracy)
         return (
             f"guaranteed: |q_ev,i| < {self.certificate.accuracy:g} again {time_text(time)} s after "
-            f"the start of a hit of {torque:g} N·m on any axes for {duration:g} s"
+            f"the start of a hit of {torque:g} N·m on its largest axis for {duration:g} s"
         )
 
     def of_reference(self, rates: Sequence[float]) -> list[str]:
@@ -204,17 +204,19 @@ class Judgement:
             No certificate holds, or the reference is not the paper's, or begins before the law.
         """
         if not self.holds:
-            raise ConfigurationError("nothing is guaranteed, so nothing is for this reference")
+            why = "no certificate holds, so no time is guaranteed"
+            raise ConfigurationError(f"--known-reference: {why}")
         reference = self._scenario.parameters[REFERENCE]
         known = {each.name: each for each in (paper.COMPONENT, paper_ahead.COMPONENT)}
         component = known.get(str(reference["mode"]))
         if component is None:
             raise ConfigurationError(
-                f"mode = {reference['mode']}; only the paper's reference is known beforehand"
+                f"mode = {reference['mode']}; allowed with --known-reference: {', '.join(known)}"
             )
         if not self._scenario.parameters[PLANT].get(INITIAL_FIX.name, True):
             raise ConfigurationError(
-                f"{INITIAL_FIX.name} = false: the law begins later than this reference"
+                f"{INITIAL_FIX.name} = false; allowed with --known-reference: true, because else "
+                "the law begins later than the reference"
             )
         record = component.configure(reference)
         told = self._scenario.controller.name == LAW_AHEAD
@@ -259,5 +261,5 @@ def _inequality_line(each: Inequality) -> str:
     # Ball arithmetic bounds a zero by the smallest numbers there are.
     left, right = (0.0 if abs(x) < 1e-300 else x for x in (each.left[1], each.right[0]))
     sides = f"{left:.6g} ≤ {right:.6g} {each.unit}".rstrip()
-    proved = f"proved, {100.0 * each.room:.3g} % of room" if each.holds else "FAILS"
+    proved = f"proved, margin {100.0 * each.room:.3g} %" if each.holds else "FAILS"
     return f"{each.name:<8}  {sides:<34}  {proved}"

@@ -55,7 +55,7 @@ ARGUMENTS = {
         f"nodes to leave out, separated by commas, so that yours take their place: "
         f"{', '.join(OF_A_RUN)}",
     ),
-    "markers": Argument("false", "draw the run on `markers`, and on /tf where tf2_ros is", _YES_NO),
+    "markers": Argument("false", "show the run on `markers`, with tf2_ros also on /tf", _YES_NO),
 }
 SIDE_BY_SIDE = ("config", "duration", "bag", "realtime", "markers")  # what fits several runs
 
@@ -90,7 +90,7 @@ class Request:
         for name in left_out:
             if name not in OF_A_RUN:
                 raise ConfigurationError(
-                    f"without: {name} is no node; nodes: {', '.join(OF_A_RUN)}"
+                    f"without: {name} is no node; allowed: {', '.join(OF_A_RUN)}"
                 )
         extra = (MARKERS,) if self.flag("markers") else ()
         return (*(name for name in OF_A_RUN if name not in left_out), *extra)

@@ -147,7 +147,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         name, hint = (error.name or "").partition(".")[0], ""
         if name.startswith("rcl") or name.endswith(("_msgs", "_srvs")):  # whichever came first
             name, hint = "rclpy", ": source ROS 2 Jazzy, or pip install 'ppc_attitude[ros]'"
-        print(f"error: this needs {name}, which is not installed{hint}", file=sys.stderr)
+        print(f"error: this command needs {name}, which is not installed{hint}", file=sys.stderr)
         return BAD_INPUT
     except BrokenPipeError:
         raise

@@ -43,7 +43,7 @@ def check_memory(scenario: Scenario, at_once: int = 1) -> None:
     if needed > free:
         raise ConfigurationError(
             f"duration = {duration:g} s at {rate:g} Hz: {duration * rate:.3g} instants need "
-            f"{needed / 2**30:.3g} GiB of memory, {free / 2**30:.3g} are free; allowed here: "
+            f"{needed / 2**30:.3g} GiB of memory, {free / 2**30:.3g} GiB are free; allowed here: "
             f"≤ {duration * free / needed:.3g} s"
         )
 

@@ -128,7 +128,7 @@ def topics_of(arguments: argparse.Namespace) -> dict[str, str]:
     told: dict[str, str] = {}
     for ours, theirs in arguments.topic:
         if told.setdefault(ours, theirs) != theirs:
-            raise ConfigurationError(f"--topic {ours} is given as {told[ours]} and as {theirs}")
+            raise ConfigurationError(f"--topic {ours} = {told[ours]} and {theirs}; allowed: one")
     return told
 
 
@@ -147,12 +147,12 @@ def see_that_none_is_idle(
     for option in () if applies else options:
         value = getattr(arguments, option.replace("-", "_"))
         if value is not None and value is not False and value not in ([], ""):
-            raise ConfigurationError(f"--{option} is for {purpose}; here it would do nothing")
+            raise ConfigurationError(f"--{option} is for {purpose}; else it has no effect")
 
 
 def add_requirements_option(parser: argparse.ArgumentParser) -> None:
     """Add --requirements."""
-    text = "what the run is judged by, over config/requirements.yaml; later files win"
+    text = "limits and deadlines that replace those of config/requirements.yaml; later files win"
     _add_files(parser, "--requirements", text)
 
 

@@ -127,4 +127,4 @@ def shipped_config(name: str, package: Path | None = None) -> Path:
     for folder in (home.parent / "config", *shared):
         if (folder / name).is_file():
             return folder / name
-    raise ConfigurationError(f"config/{name} is not where {home} is installed: name the file")
+    raise ConfigurationError(f"config/{name} is not installed with {home}: give a file instead")

@@ -177,7 +177,7 @@ def _of_settling(task: Task, torque: float) -> Iterator[Condition]:
     """The least time to settle with the largest torque that the actuator gives on an axis [N·m]."""
     if INERTIA.name in task.craft:
         limit = f" and within {task.rate_limit:g} deg/s" if task.rate_limit else ""
-        who = f"at least about its eigenaxis, with {torque:.3g} N·m on an axis{limit}"
+        who = f"or more about its eigenaxis, with at most {torque:.3g} N·m an axis{limit}"
         yield from task.settles("time to turn", _least_turn(task, torque), who)
 
 
@@ -222,24 +222,24 @@ def _of_envelopes(scenario: Scenario, task: Task) -> Iterator[Condition]:
         yield Condition(f"r of {symbol}", envelope.r, R_LIMIT, "≤", "", True, meaning)
         end = f"{prefix}.terminal"
         if task.attitude_sigma or task.rate_sigma:
-            meaning = f"{FLOOR:g}σ of the noise in what the law is told: below it, noise alone "
-            meaning += "leaves the envelope"
+            meaning = f"{FLOOR:g}σ of the noise in the errors that the law gets: an envelope below "
+            meaning += "it is left by noise alone"
             yield Condition(end, law[end], FLOOR * sigma, "≥", unit, False, meaning)
         actuator = ACTUATORS.selected(plant)
         if prefix == RATE_ENVELOPE.name and actuator and actuator.least_impulse:
             inertia = inertia_matrix(INERTIA.name, law[INERTIA.name])
             changes = np.linalg.solve(inertia, actuator.least_impulse(plant).T)  # [rad/s] body
             change = float(np.abs(changes).max(initial=0.0)) * task.first_answer
-            meaning = f"{_PULSES:g} times the rate that the coarsest of the least pulses makes, "
-            meaning += "before modes follow: below it, single pulses leave the envelope"
+            meaning = f"{_PULSES:g} times the rate that the largest of the least pulses makes "
+            meaning += "before modes follow: an envelope below it is left by single pulses"
             name = f"least pulse in {symbol}"
             yield Condition(name, law[end], _PULSES * change, "≥", unit, False, meaning)
 
 
 def _of_actuator(scenario: Scenario, environment: float, task: Task) -> Iterator[Condition]:
     """Compare what the actuator gives with the environment [N·m], and with the law's limit."""
-    meaning = "the actuator, while nothing of it fails, is stronger on every axis than the largest "
-    meaning += "torque that the environment may have in any direction"
+    meaning = "the torque of the actuator without faults, on every axis, exceeds the largest norm "
+    meaning += "of the environment's torque"
     yield Condition("torque authority", task.torque, environment, ">", "N·m", False, meaning)
     actuator = ACTUATORS.selected(scenario.parameters[PLANT])
     if actuator is not None and actuator.torque is not None:
@@ -248,8 +248,8 @@ def _of_actuator(scenario: Scenario, environment: float, task: Task) -> Iterator
             scenario.number(CONTROLLER, MAX_TORQUE.name),
             task.actuator_torque,
             "N·m",
-            "the actuator, while nothing of it fails, gives what the law may ask for, on all axes "
-            "at once; friction and gyroscopic torque of wheels take a little of it",
+            "the actuator without faults gives the torque limit of the law on all axes at once; "
+            "friction and gyroscopic torque of wheels take a little of it",
         )
 
 
@@ -257,7 +257,7 @@ def _of_knowledge(scenario: Scenario, task: Task) -> Iterator[Condition]:
     """Compare the craft with what its law knows of it."""
     if INERTIA.name in task.craft:
         known, true = scenario.parameters[CONTROLLER][INERTIA.name], task.craft[INERTIA.name]
-        meaning = "by how much of itself the law's inertia is off, about the worst axis"
+        meaning = "relative error of the law's inertia about the worst axis"
         error = inertia_error(np.array(known), np.array(true))
         yield advisable("inertia", error, _INERTIA_ERROR, "", meaning)
 
@@ -273,6 +273,6 @@ def _of_pulses(scenario: Scenario, required: Requirements, task: Task) -> Iterat
             float(np.abs(hit["torque"]).max()) * acts / task.torque,
             required.recovery,
             "s",
-            "time in which the actuator alone takes back the pulse's momentum, against the "
-            "required recovery",
+            "the time in which the actuator can remove the pulse's momentum, against the time "
+            "allowed for the recovery",
         )

@@ -264,11 +264,11 @@ class Stack:
         code = node.process.returncode
         if code < 0:  # a process that was killed says nothing about it
             return StackError(f"{name} was killed by {signal.Signals(-code).name}")
-        unsaid = "without saying why" if code else "somebody else asked it to"
+        unsaid = "it gave no reason" if code else "somebody else asked it to end"
         reason, refused = node.told.get(BROKEN, unsaid), code == BAD_INPUT
         if code == _NO_MIDDLEWARE:
             asked, refused = self.environment.get(MIDDLEWARE, ""), True
-            reason = f"{MIDDLEWARE} = {asked!r}; allowed: one that is installed, or none"
+            reason = f"{MIDDLEWARE} = {asked!r}; allowed: an installed middleware, or unset"
         return StackError(f"{name} ended with exit code {code}: {reason}", refused)
 
 

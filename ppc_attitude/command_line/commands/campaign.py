@@ -75,8 +75,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="what varies; default config/campaign.yaml",
     )
     at_least_one, from_zero = number(1, 1e9, whole=True), number(0, whole=True)
-    parser.add_argument("--runs", metavar="N", type=at_least_one, help=f"default {RUNS}")
-    parser.add_argument("--seed", metavar="S", type=from_zero, default=0, help="default 0")
+    told = f"number of runs; default {RUNS}"
+    parser.add_argument("--runs", metavar="N", type=at_least_one, help=told)
+    told = "seed of all draws; default 0"
+    parser.add_argument("--seed", metavar="S", type=from_zero, default=0, help=told)
     parser.add_argument(
         "--workers",
         metavar="N",
@@ -84,7 +86,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="processes on this machine; default one for each core",
     )
     parser.add_argument(
-        "--scheduler", metavar="ADDRESS", help="run on the Dask cluster of this scheduler instead"
+        "--scheduler", metavar="ADDRESS", help="run on the Dask cluster of the scheduler there"
     )
     parser.add_argument(
         "--out",
@@ -117,7 +119,8 @@ def execute(arguments: argparse.Namespace) -> int:
     )
     if unknown := idle(campaign.declaration, campaign.scenario):
         sensors = campaign.scenario.parameters[PLANT][SENSORS.selector]
-        print(f"not drawn: {', '.join(unknown)}; {sensors} has no such number", file=sys.stderr)
+        told = f"not drawn: {', '.join(unknown)}; sensors = {sensors} has no such parameter"
+        print(told, file=sys.stderr)
     if not arguments.scheduler:  # the runs of a cluster take the memory of others
         check_memory(campaign.scenario, 1 if alone else min(arguments.workers or cores(), runs))
         stoppable(lambda: warm_up(campaign.scenario))
@@ -197,7 +200,7 @@ def _tell(campaign: Campaign, finished: Finished, seconds: float, *, as_json: bo
     for name, tally in summary.requirements():
         if tally.met < tally.judged:
             indices = ", ".join(str(index) for index, _ in tally.worst_runs())
-            print(f"worst of {name}: --only {indices}")
+            print(f"worst runs of {name}, which --only INDEX repeats: {indices}")
     print(f"campaign: {finished.folder}")
 
 
@@ -213,7 +216,7 @@ def _exit_code(finished: Finished) -> int:
     if summary.runs < finished.total:
         raise RunError(
             f"interrupted after {summary.runs} of {finished.total} runs; "
-            f"{finished.folder} holds these"
+            f"{finished.folder} holds them"
         )
     if summary.first_broken is not None:
         index, reason = summary.first_broken

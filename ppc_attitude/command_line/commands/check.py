@@ -90,7 +90,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--known-reference",
         action="store_true",
-        help="momentum_tube: also the times for the paper's own reference; takes half a minute",
+        help="momentum_tube: also the guaranteed times with the paper's reference; takes 30 s",
     )
     parser.add_argument(
         "--hit",
@@ -99,7 +99,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar=("TORQUE", "SECONDS"),
-        help="momentum_tube: also the time to recover from this hit, once settled [N·m], [s]",
+        help="momentum_tube: also the guaranteed time of a settled craft to recover from a hit "
+        "of TORQUE [N·m] for SECONDS [s]",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
@@ -150,7 +151,7 @@ def execute(arguments: argparse.Namespace) -> int:
         starts = (law, parts[SENSORS.name], parts[ACTUATORS.name])
         advices = [*(part.advice for part in starts), *(told.advice for told in goals)]
         if idle:
-            text = f"no selected component has {', '.join(idle)}, which a file sets"
+            text = f"no selected component has {', '.join(idle)}, so a file sets it in vain"
             advices.append(Advice(text, warning=True))
         _print(scenario, conditions, q_e, advices)
         if guarantee:

@@ -66,7 +66,7 @@ def execute(arguments: argparse.Namespace) -> int:
     names = topics_of(arguments)
     records = [record for bag in arguments.bags for record in read_runs(bag, names)]
     if not 2 <= len(records) <= _MOST:
-        raise ConfigurationError(f"{len(records)} runs given; allowed: 2 to {_MOST}")
+        raise ConfigurationError(f"the bags hold {len(records)} runs; allowed: 2 to {_MOST}")
     for record in records:
         for warning in record.warnings:
             print(f"warning: {record.source}: {warning}", file=sys.stderr)

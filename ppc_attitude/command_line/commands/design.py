@@ -128,7 +128,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seconds",
         type=POSITIVE,
-        help=f"when a search tries no more gains [s]; default {_DEFAULTS['seconds']:g}",
+        help=f"time after which a search ends [s]; default {_DEFAULTS['seconds']:g}",
     )
     parser.add_argument(
         "--assume",
@@ -146,8 +146,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rate",
         type=NOT_NEGATIVE,
-        help="rate at the start for which to be fast, promised beside others [deg/s]; default "
-        f"{_DEFAULTS['rate']:g}",
+        help="rate at the start for which the settling time is kept short [deg/s]; the certificate "
+        f"has times for other rates, too; default {_DEFAULTS['rate']:g}",
     )
     parser.add_argument("--time", type=POSITIVE, help="longest settling time [s]; default any")
     parser.add_argument(
@@ -163,7 +163,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar=("K", "KAPPA", "ELL"),
         help="use these gains, without a search",
     )
-    parser.add_argument("--output", metavar="FILE.yaml", type=_output, help="parameter file")
+    parser.add_argument("--output", metavar="FILE.yaml", type=_output, help="new parameter file")
 
 
 def _output(text: str) -> Path:
@@ -233,7 +233,7 @@ def execute(arguments: argparse.Namespace) -> int:
     certificate = certify(values, wishes.accuracy, sorted({*RATES, arguments.rate}))
     if not certificate.holds:
         failing = [each.name for each in certificate.inequalities if not each.holds]
-        print(f"the search found numbers that cannot be proved: {', '.join(failing)}")
+        print(f"for the gains found, these inequalities cannot be proved: {', '.join(failing)}")
         return BAD_INPUT
     _tell(found, certificate, assumed)
     for broken in broken_assumptions(assumed, found.law, nodes):
@@ -260,8 +260,8 @@ def _craft_of(arguments: argparse.Namespace) -> Scenario:
     mode = parameters[REFERENCE][REFERENCES.selector]
     if law == LAW_AHEAD and mode not in (paper.COMPONENT.name, paper_ahead.COMPONENT.name):
         raise ConfigurationError(
-            f"controller = {law} with {REFERENCES.selector} = {mode}, which does not tell what "
-            f"lies ahead; allowed: controller = {LAW}"
+            f"controller = {law} with {REFERENCES.selector} = {mode}, which publishes no turn of "
+            f"the reference ahead of time; allowed: controller = {LAW}"
         )
     return Scenario({**parameters, CONTROLLER: {**parameters[CONTROLLER], "controller": law}})
 
@@ -284,9 +284,9 @@ def _values(assumed: Assumptions, law: Law) -> dict[str, object]:
 
 def _helps(found: list[dict[str, float]], now: dict[str, float]) -> str:
     if not found:
-        return "no single number helps, nor do d, e_S, e_A and e_W together: change several"
+        return "no single number helps, nor do d, e_S, e_A and e_W together: change several numbers"
     told = (", ".join(_written(*each, now[each[0]]) for each in values.items()) for values in found)
-    return "\n  ".join(["feasible, each line alone, the others as they are:", *told])
+    return "\n  ".join(["feasible, each line alone, with all other numbers as they are:", *told])
 
 
 def _written(name: str, value: float, now: float) -> str:
@@ -304,7 +304,7 @@ def _tell(found: Design, certificate: Certificate, assumed: Assumptions) -> None
     if found.torque_noise > 0.0:
         print(f"torque noise of the worst axis: about {found.torque_noise:.3g} N·m RMS")
     least = min(certificate.inequalities, key=lambda each: each.room)
-    print(f"{len(certificate.inequalities)} inequalities hold; the closest is {least.name}")
+    print(f"{len(certificate.inequalities)} inequalities hold; {least.name} has the least margin")
 
 
 def _file(

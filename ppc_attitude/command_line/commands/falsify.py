@@ -80,10 +80,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--accuracy",
         type=ACCURACY,
-        help=f"of settling and terminal: error below which it is settled; default {SETTLED:g}",
+        help=f"for settling and terminal: settled means an error below this; default {SETTLED:g}",
     )
     parser.add_argument(
-        "--after", type=NOT_NEGATIVE, help="of rate and bounds: judged from here on [s]; default 0"
+        "--after", type=NOT_NEGATIVE, help="for other goals: first instant judged [s]; default 0"
     )
     for option, allowed, default, told in (
         ("--start-rate", number(0.0, 5000.0, "deg/s"), 1.0, "largest ‖ω_s‖ at the start [deg/s]"),
@@ -94,22 +94,32 @@ def add_options(parser: argparse.ArgumentParser) -> None:
             "bound of the disturbance, per axis [N·m]; default: that of the environment",
         ),
         # CMA-ES takes memory as their square: 0.5 GB of 1000, 20 GB of 10 000.
-        ("--pieces", number(0, 1e3, whole=True), 40, "pieces of the disturbance; 0: as configured"),
+        (
+            "--pieces",
+            number(0, 1e3, whole=True),
+            40,
+            "constant pieces of the disturbance torque; 0: as configured",
+        ),
         ("--inertia-error", number(0.0, 0.5), 0.0, "largest inertia error e_S, such as 0.1"),
         ("--strength", number(1e-3, 1.0), 1.0, "least share η of the actuator's torque limit"),
-        ("--begin", number(0.0, 1e9, "s"), 0.0, "latest time of the reference at t = 0 [s]"),
+        ("--begin", number(0.0, 1e9, "s"), 0.0, "latest time of the reference to start at [s]"),
     ):
+        told += "" if default is None else f"; default {default:g}"
         parser.add_argument(option, type=allowed, default=default, help=told)
-    parser.add_argument("--late", action="store_true", help="a command may act one sample late")
+    parser.add_argument("--late", action="store_true", help="commands may act one sample late")
     parser.add_argument(
         "--runs",
         type=number(1, 1e9, whole=True),
         default=1000,
         help="runs in all, those of earlier sessions too, up to a whole generation; default 1000",
     )
-    parser.add_argument("--seconds", type=POSITIVE, default=math.inf, help="time for this session")
-    parser.add_argument("--seed", type=number(0, 1e15, whole=True), default=0, help="default 0")
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="compute on this Dask cluster")
+    parser.add_argument(
+        "--seconds", type=POSITIVE, default=math.inf, help="time limit of this session [s]"
+    )
+    told = "seed of the search; default 0"
+    parser.add_argument("--seed", type=number(0, 1e15, whole=True), default=0, help=told)
+    told = "run on the Dask cluster of the scheduler there"
+    parser.add_argument("--scheduler", metavar="ADDRESS", help=told)
     parser.add_argument(
         "--out",
         metavar="DIR",
@@ -175,11 +185,12 @@ def execute(arguments: argparse.Namespace) -> int:
                 bar.set_postfix_str(goal.text(found.value, duration))
         except (CampaignError, CancelledError):  # whichever comes first
             lost = f"the scheduler {arguments.scheduler} was lost"
-            raise RunError(f"{lost}; the same command goes on") from None
+            raise RunError(f"{lost}; the same command continues") from None
     if found is None and stop.is_set():
-        raise RunError("interrupted before the first generation had flown")
+        raise RunError("interrupted before the first generation of runs was complete")
     if found is None:
-        raise ConfigurationError("runs and seconds leave no time for one generation")
+        least = "allowed: enough for one generation of runs"
+        raise ConfigurationError(f"--seconds {arguments.seconds:g}; {least}")
     worst = arguments.out / WORST
     write_whole(worst, _file(space, goal, found, arguments.controller))
     broken = found.value > goal.limit
@@ -204,7 +215,7 @@ def execute(arguments: argparse.Namespace) -> int:
         print(f"worst case: {worst}")
     if stop.is_set() and found.runs < arguments.runs:
         raise RunError(
-            f"interrupted after {found.runs} of {arguments.runs} runs; the same command goes on"
+            f"interrupted after {found.runs} of {arguments.runs} runs; the same command continues"
         )
     return REQUIREMENT_FAILED if broken else DONE
 

@@ -41,7 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     attitude = parser.add_mutually_exclusive_group(required=True)
     attitude.add_argument(
-        "--quaternion", metavar=("X", "Y", "Z", "W"), nargs=4, type=number(), help="attitude"
+        "--quaternion", metavar=("X", "Y", "Z", "W"), nargs=4, type=number(), help="the attitude"
     )
     attitude.add_argument(
         "--euler",

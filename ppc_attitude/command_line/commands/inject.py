@@ -39,9 +39,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--duration",
         metavar="S",
         type=POSITIVE,
-        help="how long it acts [s]; default the injector's `injection_duration`",
+        help="how long the torque acts [s]; default the injector's `injection_duration`",
     )
-    add_stack_options(parser, "at which it begins")
+    add_stack_options(parser, "at which the torque begins")
 
 
 def execute(arguments: argparse.Namespace) -> int:

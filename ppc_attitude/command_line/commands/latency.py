@@ -56,12 +56,13 @@ _JOINING = 1.0  # [s] after it in which a live graph is not measured
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     add_scenario_options(parser)
-    parser.add_argument("--rate", metavar="HZ", type=POSITIVE, help="the plant's `rate`")
+    parser.add_argument("--rate", metavar="HZ", type=POSITIVE, help="the plant's `rate` [Hz]")
     add_bag_option(parser)
     parser.add_argument(
         "--live", action="store_true", help="listen to the running graph instead of starting one"
     )
-    parser.add_argument("--namespace", metavar="NS", default="", help="with --live: its namespace")
+    told = "with --live: namespace of the stack"
+    parser.add_argument("--namespace", metavar="NS", default="", help=told)
 
 
 def execute(arguments: argparse.Namespace) -> int:
@@ -107,7 +108,7 @@ def _live(duration: float, namespace: str) -> Callable[[float | None], bool]:
 def _lack(result: "Latencies") -> str:
     """Say why a measurement tells nothing; empty if it does."""
     if result.states < 2:
-        return f"{result.states} states were measured; two and more tell their period"
+        return f"{result.states} states were measured; their period follows from two or more"
     if not result.answered.size:
         return f"none of {result.states} states was answered on {TORQUE_COMMAND.name}"
     return ""

@@ -41,7 +41,7 @@ def execute(arguments: argparse.Namespace) -> int:
     length = seconds(found.end_ns - found.start_ns)
     messages = f"{found.counts.total()} messages on {len(found.counts)} topics"
     print(f"{messages}, received within {length:.3f} s")
-    print(f"it was cut: {printable('; '.join(found.flaws))}")
+    print(f"the bag was cut: {printable('; '.join(found.flaws))}")
     if found.folder != arguments.bag:
         print(f"{arguments.bag} stays as it is: it may hold more than could be read")
     print(f"bag: {found.folder}")

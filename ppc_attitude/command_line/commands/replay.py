@@ -66,12 +66,12 @@ def execute(arguments: argparse.Namespace) -> int:
                 f"difference of {each.column} {each.largest:.3g}{unit} at t = {each.at:.3f} s"
             )
         for name in result.missing:
-            print(f"not known here, so left out: {name}")
+            print(f"not installed here, so left out: {name}")
         for reason in result.left_out:
             print(f"not replayed: {reason}")
     if not any(each.largest for each in result.found):
         return DONE
     if PLANT not in record.parameters:  # with our plant the reader warns if the run began before
-        why = "nothing tells if the record begins with the run: parts remember what came before"
+        why = "the record may begin after the run, whose components remember what came before"
         print(f"warning: {why}", file=sys.stderr)
     return REQUIREMENT_FAILED

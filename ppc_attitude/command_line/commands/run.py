@@ -73,4 +73,4 @@ def execute(arguments: argparse.Namespace) -> int:
         write_report_of(arguments, [verdict], sys.stdout)
         return recording.judge(verdict)
     except KeyboardInterrupt:
-        raise RunError(f"interrupted; the run had ended\n{recording.told}") from None
+        raise RunError(f"interrupted after the end of the run\n{recording.told}") from None

@@ -42,10 +42,10 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import Scenario
 
-HELP = "recovery over the duration of a hit"
+HELP = "recovery time over the duration of a sudden disturbance"
 DESCRIPTION = (
-    "Simulates one hit of each duration, and reports the recovery. Options that are not given are "
-    "scaled to the actuator and to the required settling time."
+    "Simulates a run with one sudden disturbance (a hit) for each duration, and reports the "
+    "recovery. Options that are not given scale with the actuator and the settling deadline."
 )
 EXAMPLES = (
     "ppc_attitude sweep --torque 0.8 --at 80 --pulse-durations 0.05 0.1 0.2",
@@ -84,16 +84,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--torque",
         metavar="NM",
         type=POSITIVE,
-        help="on every axis [N·m]; default 16 times what the actuator gives",
+        help="torque of the hit on every axis [N·m]; default 16 times what the actuator gives",
     )
     parser.add_argument(
         "--at",
         metavar="T",
         type=POSITIVE,
-        help="start [s]; default when the craft must have settled and a terminal window is over",
+        help="start of the hit [s]; default the settling deadline and a terminal window later",
     )
     picture = new_file(".png", ".svg", ".pdf", replaces=_PICTURES)
-    parser.add_argument("--figure", metavar="FILE", type=picture, help="draw the sweep there")
+    parser.add_argument("--figure", metavar="FILE", type=picture, help="draw the sweep in FILE")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
@@ -103,8 +103,8 @@ def execute(arguments: argparse.Namespace) -> int:
     hits = _hits(arguments, scenario, required)
     if hits.at + hits.durations[-1] >= hits.length:
         raise ConfigurationError(
-            f"--duration {hits.length:g} s; allowed: longer than a hit of {hits.durations[-1]:g} s "
-            f"from {hits.at:g} s on"
+            f"--duration {hits.length:g} s; allowed: more than {hits.at + hits.durations[-1]:g} s, "
+            "when the longest hit ends"
         )
     check_memory(scenario.with_values(PLANT, duration=hits.length))
     swept = [_swept(scenario, required, hits, duration) for duration in hits.durations]
@@ -160,12 +160,12 @@ def _swept(scenario: Scenario, required: Requirements, hits: Hits, duration: flo
 def _print_table(swept: Sequence[SweptHit], hits: Hits, required: Requirements) -> None:
     print(
         paragraph(
-            f"{hits.torque:g} N·m on every axis from {hits.at:g} s on; recovered is an attitude "
-            f"error that stays below {required.settled}, required within {required.recovery:g} s."
+            f"{hits.torque:g} N·m on every axis from {hits.at:g} s on; the craft has recovered if "
+            f"its error stays below {required.settled}, required within {required.recovery:g} s."
         )
     )
     if not swept[0].settled:
-        print("The craft has not settled when it is hit, so that its times include settling.")
+        print("The craft has not settled when it is hit, so that the times include settling.")
     seen = round(hits.length - hits.at, 9)
     judged = seen >= required.recovery  # before, the error of a hit may still grow
     if not judged:
