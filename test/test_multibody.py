@@ -298,7 +298,7 @@ def test_momentum_is_exchanged_and_never_made(seed: int) -> None:
                 "wheels.max_torque": [1e6],
                 "inertia": [2.5, 0.0, 0.0, 0.0, 2.5, 0.0, 0.0, 0.0, 2.5],
             },
-            "friction takes 3.6 times the speed of such wheels on a spacecraft of inertia",
+            "friction takes 3.6 times the speed of such wheels on a craft of inertia",
         ),
         ({"flexible.frequency": [0.5]}, "as many of each"),
         (

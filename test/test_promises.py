@@ -110,7 +110,7 @@ def test_of_a_hit_that_may_not_be_seen_no_time_is_promised() -> None:
 
 def test_of_a_hit_that_may_make_the_craft_tumble_no_time_is_promised() -> None:
     envelope = Envelope(Bounds(*guaranteed(), FLOATS, COARSE))
-    with pytest.raises(ValueError, match="may make the spacecraft tumble: it may gain"):
+    with pytest.raises(ValueError, match="may make the craft tumble: it may gain"):
         envelope.recovery(1.0, 1.0, 5e-3)
 
 

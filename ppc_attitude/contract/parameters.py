@@ -117,13 +117,7 @@ _RECORDER = (
 _MARKERS = (
     Parameter("update_rate", 20.0, "marker messages per second", "Hz", low=0.1, high=1000.0),
     Parameter(
-        "position",
-        [0.0, 0.0, 0.0],
-        "where the spacecraft is drawn",
-        "m",
-        length=3,
-        low=-1e6,
-        high=1e6,
+        "position", [0.0, 0.0, 0.0], "where the craft is drawn", "m", length=3, low=-1e6, high=1e6
     ),
     Parameter("torque_scale", 20.0, "length of the torque arrow", "m/(N·m)", above=0.0),
     Parameter(

@@ -220,7 +220,7 @@ MARKERS_TOPIC = Topic(
     INERTIAL,
     MARKERS,
     unit="m",
-    meaning="spacecraft, frames, torques, goal and keep-out cones as shapes",
+    meaning="craft, frames, torques, goal and keep-out cones as shapes",
 )
 EVENTS = (
     INJECT,

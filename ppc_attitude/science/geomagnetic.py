@@ -50,12 +50,7 @@ MODEL = Parameter(
 )
 PARAMETERS = (*ORBIT_PARAMETERS, MODEL)
 MAGNETIC_FIELD = Column(
-    "magnetic_field",
-    "magnetic_field",
-    VECTOR,
-    BODY,
-    "T",
-    "Earth's magnetic field at the spacecraft",
+    "magnetic_field", "magnetic_field", VECTOR, BODY, "T", "Earth's magnetic field at the craft"
 )
 FIELD = record_type(
     ("degree", np.int64),

@@ -190,14 +190,14 @@ class Kind:
 PLANTS = Kind(
     "plants",
     "plant",
-    "the spacecraft's dynamics",
+    "the craft's dynamics",
     ("rigid_body", "flexible", "gyrostat", "gyrostat_rods"),
     TRUTH,
 )
 SENSORS = Kind(
     "sensors",
     "sensors",
-    "the sensors of the spacecraft",
+    "the sensors of the craft",
     ("direct", "gyro_star_tracker"),
     (),
     switch={True: "gyro_star_tracker", False: "direct"},

@@ -145,7 +145,7 @@ def _see_that_steps_follow(craft: Any) -> None:
     if decay > 1.0:
         raise ConfigurationError(
             f"wheels.inertia = {inertia.tolist()} kg·m²: in a step of {wheels['h']:g} s friction "
-            f"takes {decay:.6g} times the speed of such wheels on a spacecraft of inertia = "
+            f"takes {decay:.6g} times the speed of such wheels on a craft of inertia = "
             f"{craft['body']['inertia'].tolist()} kg·m²; allowed: at most 1, by less friction, a "
             "larger wheels.transition_speed, or rate"
         )

@@ -37,8 +37,8 @@ _WIDTH = 10
 PLATES = Parameter(
     "orbit.plates",
     [],
-    "outer plates of the spacecraft, ten numbers each: area [m²], outward normal, centre [m] from "
-    "the centre of mass, parts of the light that are mirrored and scattered, drag coefficient",
+    "outer plates of the craft, ten numbers each: area [m²], outward normal, centre [m] from the "
+    "centre of mass, parts of the light that are mirrored and scattered, drag coefficient",
     length=-_WIDTH,
     low=-1e6,
     high=1e6,

@@ -113,10 +113,11 @@ def replay(record: RunRecord) -> Replay:
     others, left_out = _others(record)
     if record.controller not in CONTROLLERS.components:
         if not others:
-            raise ConfigurationError(
-                f"{record.source}: controller {record.controller!r} is not one of "
-                f"{', '.join(CONTROLLERS.components)}: it cannot be replayed"
-            )
+            why = "the parameters of its nodes, which rosbags-convert drops, are not in it"
+            if record.parameters:
+                known = ", ".join(CONTROLLERS.components)
+                why = f"controller {record.controller!r} is not one of {known}"
+            raise ConfigurationError(f"{record.source} cannot be replayed: {why}")
         unknown = f"{CONTROLLERS.selector} = {record.controller}"
         missing = tuple(dict.fromkeys((unknown, *_missing(record))))
         return Replay(None, others, missing, left_out)

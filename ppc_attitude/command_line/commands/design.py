@@ -41,7 +41,7 @@ from ppc_attitude.command_line.parameter_file import overlay
 from ppc_attitude.command_line.paths import new_file, see_that_it_may_go, some_path
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.contract.whole_file import write_whole
-from ppc_attitude.processes.exits import BAD_INPUT, DONE, REQUIREMENT_FAILED
+from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
 from ppc_attitude.science.controllers import quaternion_feedback, tube_parameters
 from ppc_attitude.science.controllers.tube_parameters import (
     ASSUMED,
@@ -234,7 +234,7 @@ def execute(arguments: argparse.Namespace) -> int:
     if not certificate.holds:
         failing = [each.name for each in certificate.inequalities if not each.holds]
         print(f"for the gains found, these inequalities cannot be proved: {', '.join(failing)}")
-        return BAD_INPUT
+        return REQUIREMENT_FAILED
     _tell(found, certificate, assumed)
     for broken in broken_assumptions(assumed, found.law, nodes):
         print(f"warning: assumption not kept: {broken}")

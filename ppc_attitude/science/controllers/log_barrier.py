@@ -187,7 +187,7 @@ def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
         math.degrees(norm(alpha) + task.desired_rate),
         task.rate_limit,
         "deg/s",
-        "‖α‖ at the start + max‖ω_d‖: the law does not limit the rate, so a spacecraft with a "
+        "‖α‖ at the start + max‖ω_d‖: the law does not limit the rate, so a craft with a "
         "large error speeds up to this value",
     )
 

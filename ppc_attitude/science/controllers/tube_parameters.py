@@ -92,16 +92,16 @@ _OWN = (
     Parameter(
         "far",
         0.564661399,
-        "error from which the spacecraft cruises",
+        "error from which the craft cruises",
         "rad",
         above=0.0,
         high=math.pi,
     ),
-    Parameter("w_far", 0.0354752803, "rate up to which the spacecraft cruises", "rad/s", above=0.0),
+    Parameter("w_far", 0.0354752803, "rate up to which the craft cruises", "rad/s", above=0.0),
     Parameter(
         "omega0",
         0.10472,
-        "rate error from which the spacecraft counts as tumbling",
+        "rate error from which the craft counts as tumbling",
         "rad/s",
         low=1e-9,
     ),
@@ -133,16 +133,14 @@ _ASSUMPTIONS = (
     Parameter(
         "momentum",
         0.0,
-        "bound of the whole momentum ‖Jω + h‖ of a spacecraft with wheels",
+        "bound of the whole momentum ‖Jω + h‖ of a craft with wheels",
         "N·m·s",
         low=0.0,
     ),
     Parameter("W", 0.01392, "bound of ‖ω_d‖", "rad/s", low=0.0),
     Parameter("W1", 5.515e-4, "bound of ‖ω_d'‖", "rad/s²", low=0.0),
     Parameter("W2", 2.449e-5, "bound of ‖ω_d''‖", "rad/s³", low=0.0),
-    Parameter(
-        "Omega", math.radians(3.0), "rate limit of the spacecraft, ‖ω_s‖", "rad/s", above=0.0
-    ),
+    Parameter("Omega", math.radians(3.0), "rate limit of the craft, ‖ω_s‖", "rad/s", above=0.0),
     Parameter(
         "eta", 1.0, "least share of the command that the actuator gives", above=0.0, high=1.0
     ),

@@ -106,7 +106,7 @@ NOISE, LATE, CRAFT, DISTURBANCE, AT_LIMIT = 1.0, 2.0, 3.0, 4.0, 5.0
 DOUBTS = {
     NOISE: "the measurement is noisier than assumed (e_A, e_W)",
     LATE: "commands act later than assumed (late)",
-    CRAFT: "the spacecraft answers torque otherwise than assumed: actuator (eta), inertia (e_S)",
+    CRAFT: "the craft answers torque otherwise than assumed: actuator (eta), inertia (e_S)",
     DISTURBANCE: "a disturbance beyond the assumed one acts (d)",
     AT_LIMIT: "the disturbance estimate stays at its limit: more than assumed may act (d)",
 }

@@ -70,7 +70,7 @@ _NEAREST_SUN = 0.983  # [au]
 DIPOLE = Parameter(
     "orbit.residual_dipole",
     [0.0, 0.0, 0.0],
-    "magnetic moment of the spacecraft, body axes",
+    "magnetic moment of the craft, body axes",
     "A·m²",
     length=3,
     low=-1e6,
@@ -106,10 +106,10 @@ ORBIT_POSITION = Column(
     VECTOR,
     INERTIAL,
     "m",
-    "position of the spacecraft from Earth's centre",
+    "position of the craft from Earth's centre",
 )
 ORBIT_VELOCITY = Column(
-    "orbit_velocity", "orbit/velocity", VECTOR, INERTIAL, "m/s", "velocity of the spacecraft"
+    "orbit_velocity", "orbit/velocity", VECTOR, INERTIAL, "m/s", "velocity of the craft"
 )
 SUN = Column(
     "sun",

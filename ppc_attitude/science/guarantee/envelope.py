@@ -198,7 +198,7 @@ class Envelope:
             rate = self._arithmetic.outward(bounds.body.box(gained))[1]
             if rate > law.omega0:
                 raise ValueError(
-                    f"{torque:g} N·m for {duration:g} s may make the spacecraft tumble: it may "
+                    f"{torque:g} N·m for {duration:g} s may make the craft tumble: it may "
                     f"gain {rate:.3g} rad/s; a recovery time is promised only up to omega0 = "
                     f"{law.omega0:g} rad/s"
                 )

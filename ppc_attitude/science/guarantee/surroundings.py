@@ -182,7 +182,7 @@ def suspensions(assumed: Assumptions, nodes: Nodes, duration: float) -> Iterator
         first = slots(plant["rate"], plant)[1] / plant["rate"]
         yield (
             f"no fix comes before {first:g} s ({INITIAL_FIX.name} = false): the promised times "
-            "begin with the first fix, from the rate that the spacecraft has by then"
+            "begin with the first fix, from the rate that the craft has by then"
         )
     most = plant["star_tracker.max_rate"]
     promised = TUMBLING[0] * assumed.Omega + assumed.W  # ‖ω_s‖ of the fastest start of any law

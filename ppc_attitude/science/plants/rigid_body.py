@@ -50,7 +50,7 @@ from ppc_attitude.science.signals import APPLIED_TORQUE, DISTURBANCE, TRUTH
 INERTIA = Parameter(
     "inertia",
     [2.8, 0.0, 0.0, 0.0, 2.5, 0.0, 0.0, 0.0, 1.9],
-    "inertia J of the spacecraft, row-major; symmetric positive definite",
+    "inertia J of the craft, row-major; symmetric positive definite",
     "kg·m²",
     length=9,
     agreed=True,

@@ -283,7 +283,7 @@ def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
             most,
             "rad/s",
             "a first fix comes up to star_tracker.max_rate only: without one there is no estimate, "
-            "so the law gives no torque, and nothing stops the spacecraft",
+            "so the law gives no torque, and nothing stops the craft",
         )
     if task.desired_rate is not None:
         yield advisable(

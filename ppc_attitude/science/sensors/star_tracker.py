@@ -83,7 +83,7 @@ OUTLIER_SIZE = Parameter(
 MAX_RATE = Parameter(
     "star_tracker.max_rate",
     100.0,
-    "there is no fix while the spacecraft turns faster",
+    "there is no fix while the craft turns faster",
     "rad/s",
     above=0.0,
     high=100.0,
