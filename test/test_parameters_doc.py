@@ -239,7 +239,7 @@ def test_param_load_gives_no_node_the_value_of_another(asker: Node, tmp_path: Pa
             limit = dumped(asker, f"/{PLANT}")[f"/{PLANT}"]["ros__parameters"]["max_torque"]
             assert limit == (0.05 if refused else 0.04), reasons
             if refused:
-                told = "load one that holds this node's parameters alone"
+                told = "load a file that holds this node's parameters alone"
                 assert told in reasons["max_torque"]
 
 
