@@ -192,7 +192,7 @@ class Judgement:
         time = envelope.recovery(torque, duration, self.certificate.accuracy)
         return (
             f"guaranteed: |q_ev,i| < {self.certificate.accuracy:g} again {time_text(time)} s after "
-            f"the start of a hit of {torque:g} N·m on its largest axis for {duration:g} s"
+            f"the start of a hit whose largest component is {torque:g} N·m, for {duration:g} s"
         )
 
     def of_reference(self, rates: Sequence[float]) -> list[str]:
