@@ -35,12 +35,14 @@ from bag_helpers import (
     write_messages,
     written_by_rosbags,
 )
+from craft_helpers import configs
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as PlainMcapWriter
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from synthetic import SAMPLED, normal_run
 
+from ppc_attitude.bags.changes import encode_changes
 from ppc_attitude.bags.custom_data import of_namespace
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.folder import Bag
@@ -51,8 +53,11 @@ from ppc_attitude.bags.storage import KillSafeWriter
 from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.declared import BY_NAME
-from ppc_attitude.contract.topics import ATTITUDE, PLANT, TORQUE_COMMAND
-from ppc_attitude.simulation.scenario import scenario
+from ppc_attitude.contract.run_record import Change
+from ppc_attitude.contract.topics import ATTITUDE, CHANGES_TOPIC, CONTROLLER, PLANT, TORQUE_COMMAND
+from ppc_attitude.science.kinds import CONTROLLERS
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.scenario import load, scenario
 
 RUN = normal_run(duration=1.0)
 STEPS = len(RUN.stamps_ns)
@@ -329,6 +334,28 @@ def test_topics_that_no_component_of_the_run_gives_are_missed_by_nobody(
     write_messages(tmp_path / "bag", sequence, run=run)
     read = read_run(tmp_path / "bag", whole=True)
     assert sum(read.missing.values()) == 0
+
+
+def test_what_another_law_does_not_give_is_missing_in_no_run_that_went_on_with_it(
+    tmp_path: Path,
+) -> None:
+    """Its node was started again with it: first in the middle of a run, then time began again."""
+    run = simulate(load(configs("paper")), 1.0)
+    half = int(run.stamps_ns[50])
+    of_ppc, of_other = (
+        {each.name for each in CONTROLLERS.components[law].outputs}
+        for law in ("ppc", "quaternion_feedback")
+    )
+    own = of_ppc - of_other
+    told = encode_changes([Change(half, CONTROLLER, "controller", "quaternion_feedback")])
+    first = [each for each in messages(run) if each[1] < half or each[0].column not in own]
+    sequence = [*first, *((CHANGES_TOPIC, *each) for each in told)]
+    read = read_run(write_messages(tmp_path / "once", sequence, run=run), whole=True)
+    assert (read.controller, sum(read.missing.values())) == ("ppc", 0)
+    sequence += [each for each in messages(run) if each[0].column not in own]
+    read = read_run(write_messages(tmp_path / "again", sequence, run=run), whole=True)
+    assert (read.controller, sum(read.missing.values())) == ("quaternion_feedback", 0)
+    assert not own & set(read.columns)
 
 
 def test_a_topic_of_another_type_is_named(tmp_path: Path) -> None:

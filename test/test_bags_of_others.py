@@ -369,7 +369,7 @@ def test_the_commands_take_bags_of_hardware(tmp_path: Path, ask: Ask) -> None:
     assert "Pointing errors" in compared.read_text()
     refused = ask("analyse", hardware, *topics, "--topic=attitude=/goal", code=BAD_INPUT).err
     assert refused == "error: --topic attitude = /imu/data and /goal; allowed: one\n"
-    assert "controller 'unknown'" in ask("replay", hardware, *topics, code=BAD_INPUT).err
+    assert "the parameters of its nodes" in ask("replay", hardware, *topics, code=BAD_INPUT).err
 
 
 @pytest.mark.usefixtures("undrawn")

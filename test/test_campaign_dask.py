@@ -164,7 +164,7 @@ def test_an_address_that_can_be_none_is_refused_at_once(
     address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("distributed.Client", lambda *_, **__: pytest.fail("asked"))
-    with pytest.raises(ConfigurationError, match=re.escape(f"scheduler = {address}: ")):
+    with pytest.raises(ConfigurationError, match=re.escape(f"scheduler = {address}; allowed: ")):
         pools.connected(address)
 
 

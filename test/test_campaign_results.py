@@ -164,6 +164,12 @@ def test_of_runs_with_limits_of_their_own_those_that_miss_are_the_worst() -> Non
     assert tally.worst_runs()[:3] == [(3, 0.002), (1, 0.001), (0, 0.004)]
 
 
+def test_a_limit_is_told_where_no_run_is_judged_by_it() -> None:
+    tally = Tally()
+    tally.add(None, None, "< 0.0005", 0)
+    assert (tally.limit_text, tally.not_judged) == ("< 0.0005", 1)
+
+
 def test_a_broken_run_meets_nothing() -> None:
     """And whoever reads the share is told."""
     summary = Summary(PAPER, {})

@@ -154,7 +154,7 @@ def test_what_is_no_joint_state_of_all_parts_is_refused(column: str, little: boo
         with pytest.raises(CdrError):
             codec.decode(whole[:length])
     few = joint_state("body", [], [], [1.0] * 4, [1.0] * 4, little=little)
-    with pytest.raises(CdrError, match=f"for 4 joints; allowed: {count}, one a {part}"):
+    with pytest.raises(CdrError, match=f"for 4 joints; allowed: {count}, one per {part}"):
         codec.decode(few)
     endless = bytearray(joint_state("b", [], [], [], [], little=little))
     endless[20:] = b"\xff" * (len(endless) - 20)

@@ -14,6 +14,7 @@
 
 """The paper's requirements on the closed loop, from the configuration that users get."""
 
+import math
 import os
 import subprocess
 import sys
@@ -35,7 +36,13 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import matrix
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.plants.rigid_body import rigid_body_step
-from ppc_attitude.simulation.closed_loop import Loop, first_instant, simulate, stamps_of
+from ppc_attitude.simulation.closed_loop import (
+    Loop,
+    first_instant,
+    simulate,
+    stamps_of,
+    timetable_of,
+)
 from ppc_attitude.simulation.scenario import Scenario, load, scenario
 
 # Powers of mass and of time in units; a unit that is not here has none.
@@ -158,6 +165,24 @@ def test_a_loop_remembers_nothing_of_the_scenario_before(overlays: tuple[str, ..
         for name, column in alone.columns.items():
             assert found[name].tobytes() == column.tobytes(), name
     assert not np.array_equal(simulate(case, 1.0)["attitude"], found["attitude"], equal_nan=True)
+
+
+def test_a_loop_refuses_other_components_and_the_timetable_of_another_run() -> None:
+    """It ran its own law under the other's name, and read beyond the end of the timetable."""
+    case, stamps = load(configs("paper")), stamps_of(100.0, 1.0)
+    with pytest.raises(ConfigurationError, match=r"log_barrier.*; allowed in this loop: .*ppc"):
+        Loop(case, stamps).run(load(configs("paper", "traditional")))
+    short = timetable_of(case, stamps_of(100.0, 0.5))
+    with pytest.raises(ConfigurationError, match=r"timetable of shape .*, 51.; allowed: .*, 101."):
+        Loop(case, stamps, short).run(case)
+    whole = Loop(case, stamps, timetable_of(case, stamps)).run(case)
+    assert np.array_equal(whole["attitude"], simulate(case, 1.0)["attitude"])
+
+
+@pytest.mark.parametrize("duration", [math.nan, math.inf, -1.0])
+def test_a_run_has_a_finite_duration(duration: float) -> None:
+    with pytest.raises(ConfigurationError, match=f"duration = {duration:g} s; allowed: finite"):
+        simulate(load(configs("paper")), duration)
 
 
 def test_the_samples_of_an_instant_belong_together() -> None:

@@ -102,6 +102,15 @@ def test_rate_errors_are_compared_where_both_have_envelopes(runs):
     assert np.array_equal(lines(panel, RED)[0].get_ydata(), z2)
 
 
+def test_a_name_of_a_bag_is_no_mathematics_and_none_is_hidden(runs):
+    named = [replace(runs[0], source=name) for name in (r"$\frac{$", "_mine")]
+    drawn, _ = comparisons_of(measured(named))
+    _, figure = drawn["comparison_attitude_error"]
+    figure.canvas.draw()
+    told = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert {r"\$\frac{\$", "\u200b_mine"} <= set(told)
+
+
 def test_an_error_of_one_number_has_one_row():
     """As of a component of somebody else's, whose envelope may have less numbers too."""
     narrow = [with_columns(run, rate_error=run["rate_error"][:, :1]) for run in (hit_run(),) * 2]

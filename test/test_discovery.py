@@ -220,7 +220,7 @@ def test_a_run_names_a_middleware_that_is_not_installed(
     monkeypatch.setenv(MIDDLEWARE, "rmw_none")
     run = Run(start_process, tmp_path / "bag")
     assert run.ends() == 2
-    assert "RMW_IMPLEMENTATION = 'rmw_none'; allowed: one that is" in run.err.splitlines()[-1]
+    assert "RMW_IMPLEMENTATION = 'rmw_none'; allowed: an installed" in run.err.splitlines()[-1]
     assert not run.bag.exists()
 
 

@@ -132,6 +132,22 @@ def test_a_noisy_line_becomes_a_band_and_a_smooth_one_does_not():
     assert high[-1] == 100.0  # a spike at the end is none the less drawn
 
 
+def test_a_band_beside_single_gaps_loses_no_extreme():
+    """A lost message in a hundred blanked most of the line, and a spike beside one was gone."""
+    t, noise = np.arange(12_001.0), np.random.default_rng(1).normal(size=12_001)
+    whole = band(t, noise)
+    noise[5005] = 50.0
+    noise[::100] = np.nan
+    noise[6000:7000] = np.nan
+    found = band(t, noise)
+    gap = (found[0] > 6010.0) & (found[0] < 6990.0)
+    for each, same in zip(found[1:], whole[1:], strict=True):
+        assert np.isnan(each[gap]).all()
+        assert np.isfinite(each).mean() > 0.9
+        assert np.median(np.abs(each - same)[~gap][np.isfinite(each[~gap])]) < 0.1
+    assert np.nanmax(found[3]) == 50.0
+
+
 def test_what_is_below_the_floor_turns_no_axis_upside_down():
     _, (axes,) = panels(1)
     draw(axes, np.arange(3.0), np.full(3, 1e-7))

@@ -222,7 +222,7 @@ def test_analysis_tells_how_near_the_craft_itself_came() -> None:
     parameters = {**record.parameters, REFERENCE: wide}
     row = verdict_on(replace(record, parameters=parameters), "keep_out")
     assert row.met is False
-    assert "from 0 0 -2, allowed 126.1°" in row.note
+    assert "of 0 0 -2, allowed 126.1°" in row.note
     assert not [row for row in Verdict(simulate(tour(), 2.0)).requirements if row.key == "keep_out"]
 
 

@@ -192,6 +192,6 @@ def test_a_gyro_that_is_made_coarse_in_flight_is_warned_of_and_that_it_is_over()
         part.configure({**part.component.defaults, "rate": 100.0, **given})
         part.step(stamp_of(k, 100.0), [0.0, 0.0, 0.0, 1.0, *[0.0] * 3])
         said.append((part.advices, part.advice.text, part.advice.warning))
-    assert said[0][1].startswith("gyro.resolution is 10 times the noise of a sample: a dead")
+    assert said[0][1].startswith("gyro.resolution is 10 times the noise of a sample: round")
     assert [(number, warning) for number, _, warning in said] == [(1, True), (2, False)]
     assert said[1][1] == "the gyro's rounding acts as white noise again"

@@ -285,7 +285,7 @@ def test_a_plant_warns_of_a_gyro_that_rounds_its_noise_away(
     gyro = ["gyro.angular_random_walk:=0.0", "gyro.resolution:=1.0e-3"]
     admit(SpacecraftPlant, "sensors:=gyro_star_tracker", *gyro)
     assert len(said) == 1
-    assert "gyro.resolution is without noise: a dead band" in said[0].text
+    assert "gyro.resolution is without noise: rounding acts" in said[0].text
     assert said[0].warning
 
 

@@ -242,9 +242,12 @@ def test_the_table_tells_every_requirement():
 
 
 @settings(max_examples=40, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), holes=st.floats(0, 0.9), rate=st.sampled_from([10.0, 50.0]))
+@given(seed=st.integers(0, 2**32 - 1), holes=st.floats(0, 0.3), rate=st.sampled_from([10.0, 50.0]))
 def test_the_metrics_of_arbitrary_errors(seed, holes, rate):
-    """Settling, deadline, terminal error and envelope against a plain loop over the samples."""
+    """Settling, deadline, terminal error and envelope against a plain loop over the samples.
+
+    With more holes there would be gaps of ten samples, behind which a craft may have settled.
+    """
     random = np.random.default_rng(seed)
     run = normal_run(90.0, rate)
     t = run.stamps_ns / 1e9

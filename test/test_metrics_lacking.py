@@ -50,6 +50,12 @@ def test_an_attitude_of_zeros_is_as_good_as_none(column):
     assert requirement(verdict, "lost_messages").value == 2000
 
 
+def test_an_envelope_that_is_not_on_record_is_left_out_of_the_time_outside_it():
+    run = with_rows(normal_run(), "attitude_envelope", slice(8000, 9000), np.nan)
+    row = requirement(Verdict(run), "outside_attitude_envelope")
+    assert [each for each in row.without if each[1] - each[0] > 1.0] == [(79.99, 90.0)]
+
+
 def test_a_reference_that_ends_before_the_craft_has_settled_is_no_disturbance():
     run = with_rows(normal_run(), "reference_attitude", slice(1001, None), np.nan)
     row = requirement(Verdict(run), "settling_time")

@@ -304,7 +304,7 @@ def test_torque_that_was_short_twice_is_not_counted_on_and_said() -> None:
             {"spacecraft_plant": {"max_torque": 0.03}},
         ),
         (
-            "the guarantee is suspended: the space",
+            "the guarantee is suspended: the craft",
             {"spacecraft_plant": {"inertia": [3.6, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 2.4]}},
         ),
         (

@@ -16,6 +16,7 @@ import math
 import re
 from typing import Any
 
+import numpy as np
 import pytest
 
 from ppc_attitude.science.errors import ConfigurationError
@@ -41,6 +42,9 @@ TABLE = (GAIN, STEPS, ON, LAW, PLACE, AXIS, TIMES, TORQUES, LAWS)
         (GAIN, 10.0, 10.0),
         (STEPS, 4, 4),
         (STEPS, 4.0, 4),
+        (STEPS, np.int64(4), 4),
+        (ON, np.True_, True),
+        (AXIS, np.array([0.5, 0.0, 1.0], np.float32), [0.5, 0.0, 1.0]),
         (ON, False, False),
         (LAW, "b", "b"),
         (PLACE, "anywhere", "anywhere"),

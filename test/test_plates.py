@@ -87,5 +87,5 @@ def test_a_plate_that_only_scatters_or_mirrors_is_possible(surface: list[float])
 
 
 def test_seventeen_plates_are_refused() -> None:
-    with pytest.raises(ConfigurationError, match="has 17 plates; allowed: 16"):
+    with pytest.raises(ConfigurationError, match="has 17 plates; allowed: up to 16"):
         plates_of({PLATES.name: 17 * GOOD})

@@ -321,6 +321,18 @@ def test_a_replay_of_a_record_that_begins_late_says_why_it_differs(
         assert (reason in ask("replay", tmp_path / f"rig{begin}", code=code).err) == bool(code)
 
 
+def test_a_node_that_was_started_again_with_another_component_is_replayed_until_then() -> None:
+    """The new one's parameters went to the old one, whose torque then differed."""
+    record, half = simulate(load(configs("paper")), 2.0), stamp_of(100, 100.0)
+    other = np.where(record.stamps_ns[:, None] < half, record["torque_command"], 0.01)
+    change = Change(half, CONTROLLER, "controller", "quaternion_feedback")
+    found = replay(replace(with_columns(record, torque_command=other), changes=(change,)))
+    assert found.law is not None
+    assert (found.law.component, found.law.steps, found.law.largest) == ("ppc", 100, 0.0)
+    told = "quaternion_feedback: ppc_controller was started again with it at 1 s"
+    assert told in found.left_out
+
+
 def test_a_law_that_nobody_knows_is_named() -> None:
     record = replace(simulate(scenario({}), 0.1), controller="theirs")
     found = replay(record)
@@ -328,7 +340,7 @@ def test_a_law_that_nobody_knows_is_named() -> None:
     assert [each.component for each in found.found] == ["rigid_body", "direct", "ideal", "paper"]
     assert all(each.largest == 0.0 for each in found.found)
     assert found.missing == ("controller = theirs",)
-    with pytest.raises(ConfigurationError, match="controller 'theirs' is not one of ppc"):
+    with pytest.raises(ConfigurationError, match="the parameters of its nodes, which rosbags-con"):
         replay(replace(record, parameters={}))
 
 

@@ -140,7 +140,7 @@ def test_a_node_that_does_not_know_of_a_fault_goes_on_asking_the_lost_wheel() ->
 
 
 def test_plant_and_drive_have_one_rate() -> None:
-    message = "wheel_allocator: rate = 100.0; allowed: 50.0, which spacecraft_plant has"
+    message = "wheel_allocator: rate = 100.0; allowed: 50.0, as in spacecraft_plant"
     with pytest.raises(ConfigurationError, match=re.escape(message)):
         case("wheels", "allocator", rate=50.0)
 

@@ -322,7 +322,7 @@ def test_the_wheel_that_is_full_first_is_warned_of() -> None:
     assert short.value == pytest.approx(shares[record.t <= 120.0].max(), rel=0.05)
     (long,) = speed_of_a_wheel(case("wheels", duration=400.0))
     assert not long.holds
-    full = float(long.meaning.rpartition("passed at ")[2].removesuffix(" s"))
+    full = float(long.meaning.rpartition("limit from ")[2].removesuffix(" s on"))
     assert full == pytest.approx(record.t[shares > 0.99][0], rel=0.01)
     spun = {"wheels.initial_speed": [0.0, 300.0, 0.0, 0.0]}
     (sooner,) = speed_of_a_wheel(case("wheels").with_values(PLANT, **spun))

@@ -138,7 +138,9 @@ def comparisons_of(runs: Sequence[Measured]) -> tuple[Drawn, list[str]]:
     AnalysisError
         If there is nothing that all of them have.
     """
-    labels = run_labels([run.record for run in runs])
+    # Matplotlib takes $ for mathematics, and a name that begins with _ for one to hide.
+    names = (name.replace("$", r"\$") for name in run_labels([run.record for run in runs]))
+    labels = [f"\u200b{name}" if name.startswith("_") else name for name in names]
     drawn: Drawn = {}
     lacking = []
     for name, caption, draw_figure in _comparisons(runs):

@@ -150,12 +150,15 @@ def band(t: Array, values: Array) -> tuple[Array, Array, Array, Array] | None:
     if values.size <= 2 * BUCKETS:
         return None
     times, rows = _stretches(t), _stretches(values)
-    low, high = rows.min(axis=1), rows.max(axis=1)
-    travelled = np.abs(np.diff(rows, axis=1)).sum(axis=1)
-    moving = np.isfinite(travelled) & (high > low)
+    known = np.isfinite(rows)  # of a stretch with some gaps the others are drawn
+    low, high = np.fmin.reduce(rows, axis=1), np.fmax.reduce(rows, axis=1)
+    travelled = np.nansum(np.abs(np.diff(rows, axis=1)), axis=1)
+    moving = high > low
     if not moving.any() or np.median(travelled[moving] / (high - low)[moving]) < NOISY:
         return None
-    return times.mean(axis=1), low, rows.mean(axis=1), high
+    with np.errstate(invalid="ignore"):  # there may be none
+        mean = np.where(known, rows, 0.0).sum(axis=1) / known.sum(axis=1)
+    return times.mean(axis=1), low, mean, high
 
 
 def draw(

@@ -321,7 +321,8 @@ class Verdict(Measured):
         without = tuple(each for each in self.untold if each[0] < span[1])
         if (span,) == without:
             why = why or f"the law was told no attitude from {span_text(span)} s"
-        own = absent_spans(self.t, self.record[envelope.error][:, 0])
+        compared = self.record[envelope.error][:, 0] + self.record[envelope.bound][:, 0]
+        own = absent_spans(self.t, compared)
         absent = tuple(each for each in own if not any(clipped(self.untold, each)))
         yield self.row(key, time, 0.0, "s", why, span, without=without, note=note, absent=absent)
         limit = self.required.outside_after_hit

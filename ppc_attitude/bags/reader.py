@@ -21,23 +21,27 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ppc_attitude.bags.collected import Collected, readings
 from ppc_attitude.bags.custom_data import RECOVERED_KEY, decode_custom_data, usable
 from ppc_attitude.bags.errors import BagError, printable, shortened
 from ppc_attitude.bags.folder import Bag
 from ppc_attitude.bags.timeline import Timeline, align
 from ppc_attitude.contract.carriers import carriers
-from ppc_attitude.contract.declared import BY_NAME, SAMPLED, not_installed, promised
+from ppc_attitude.contract.declared import BY_COLUMN, BY_NAME, SAMPLED, not_installed, promised
 from ppc_attitude.contract.run_record import Change, RunRecord, told
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     APPLIED_TORQUE,
     ATTITUDE,
+    CONTROLLER,
     ENABLED,
     PLANT,
     Topic,
 )
 from ppc_attitude.contract.versions import versions_of_others
+from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.stamps import LATEST, seconds, stamp_of
 
 
@@ -173,7 +177,15 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
     in_flight.sort(key=attrgetter("stamp_ns"))
     announced = (topic.name for topic in lacking if f"{home}/{topic.name}" in bag.topics)
     missing = {**timeline.missing, **dict.fromkeys(announced, len(timeline.stamps))}
-    others = {topic.name for topic in _of_others(parameters)}
+    last = {node: dict(own) for node, own in parameters.items()}
+    for change in in_flight:
+        last.setdefault(change.node, {})[change.name] = change.value
+    # A node that was started again may run another component, which gives other columns.
+    others = {topic.name for each in (parameters, last) for topic in _of_others(each)}
+    law, began = (
+        str(each.get(CONTROLLER, {}).get(CONTROLLERS.selector, facts.controller))
+        for each in (facts.parameters, parameters)
+    )
     warnings = [*facts.flaws, *flaws, *collected.warnings(home), *timeline.warnings]
     if lacking:
         warnings.append(f"the bag {lacks}")
@@ -203,9 +215,13 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
         )
     return RunRecord(
         source=printable(str(bag.path)),
-        controller=facts.controller,
+        controller=facts.controller if began == law else began,
         stamps_ns=timeline.stamps,
-        columns=timeline.columns,
+        columns={
+            name: rows
+            for name, rows in timeline.columns.items()
+            if BY_COLUMN[name].name not in others or np.isfinite(rows).any()
+        },
         missing={name: count for name, count in missing.items() if name not in others},
         held=timeline.held,
         parameters=parameters,

@@ -88,13 +88,13 @@ class Tally:
 
     def add(self, met: bool | None, value: float | None, limit: str, index: int) -> None:
         """Count one run; `met` is None if it was not judged."""
+        if limit and len(self.limits) <= _MOST_LIMITS:
+            self.limits[limit] = None
         if met is None:
             self.not_judged += 1
             return
         self.judged += 1
         self.met += met
-        if len(self.limits) <= _MOST_LIMITS:
-            self.limits[limit] = None
         # Never to recover is the worst that a run can do. Where each run has a limit of its own,
         # one that met it may have reached more than one that missed it.
         entry = (not met, math.inf if value is None else value, -index)

@@ -80,13 +80,15 @@ def field_of(days: float, degree: int = MOST_DEGREE) -> Any:
     days : float
         Days from J2000.
     degree : int
-        Degree of the series; 1 is the tilted dipole.
+        Degree of the series, up to `MOST_DEGREE`; 1 is the tilted dipole.
 
     Raises
     ------
     ConfigurationError
-        The date is outside the model's.
+        The date is outside the model's, or the degree.
     """
+    if not 1 <= degree <= MOST_DEGREE:
+        raise ConfigurationError(f"degree = {degree}; allowed: 1 to {MOST_DEGREE}")
     dates, rows = _table()
     epochs = [days_of(EPOCH.name, date) for date in dates]
     if not epochs[0] <= days <= epochs[-1]:

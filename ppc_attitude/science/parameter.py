@@ -189,6 +189,8 @@ class Parameter:
         return [self._element(element, prototype) for element in elements]
 
     def _element(self, value: Any, prototype: Value) -> Any:
+        if isinstance(value, np.generic):
+            value = value.item()
         if isinstance(prototype, bool):
             if isinstance(value, bool):
                 return value

@@ -19,6 +19,7 @@ the same numbers to the last bit. What depends on time alone (desired motion, to
 environment) can be computed before, so that a campaign does it once for all its runs.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -37,7 +38,15 @@ _LONGEST = 2.0**62 / NANOSECONDS  # age [s] whose difference to a stamp [ns] an 
 
 
 def stamps_of(rate: float, duration: float) -> NDArray[np.int64]:
-    """Stamps [ns] of a run: both ends included."""
+    """Stamps [ns] of a run: both ends included.
+
+    Raises
+    ------
+    ConfigurationError
+        The duration [s] is negative or not finite.
+    """
+    if not 0.0 <= duration < math.inf:
+        raise ConfigurationError(f"duration = {duration:g} s; allowed: finite, ≥ 0")
     steps = round(duration * rate)
     return np.array([stamp_of(k, rate) for k in range(steps + 1)], dtype=np.int64)
 

@@ -158,7 +158,7 @@ class Diagram:
     def __init__(
         self, parameters: Parameters, ahead: bool = False, timetable: Array | None = None
     ) -> None:
-        chosen = selected(parameters)
+        chosen = self._selected = selected(parameters)
         if ahead:
             chosen = [(kind, component) for kind, component in chosen if not component.inputs]
         sizes = [signals_of(component) for _, component in chosen]
@@ -196,8 +196,13 @@ class Diagram:
         Raises
         ------
         ConfigurationError
-            A parameter is infeasible.
+            A parameter is infeasible, or other components are selected.
         """
+        if (now := selected(parameters)) != self._selected:
+            names, own = (
+                ", ".join(component.name for _, component in each) for each in (now, self._selected)
+            )
+            raise ConfigurationError(f"components {names}; allowed in this loop: {own}")
         for kind, part in self.parts.items():
             part.forget()
             values = parameters.get(NODE_OF[kind], {})
@@ -258,8 +263,17 @@ class Diagram:
         ndarray, shape (≥ r, n)
             A row for each number of `columns`. So the instants of a number lie side by side, and a
             reader of one column need not pass the others.
+
+        Raises
+        ------
+        ConfigurationError
+            The timetable is of fewer instants, or of other columns.
         """
-        numbers = self._recorded.size
+        numbers, played = self._recorded.size, (stamps_ns.size, self._played.size)
+        if self._played.size and self._timetable.shape != played:
+            raise ConfigurationError(
+                f"timetable of shape {self._timetable.shape[::-1]}; allowed: {played[::-1]}"
+            )
         if samples is None:
             samples = np.zeros((numbers, stamps_ns.size))
         whole = np.ones(numbers, np.bool_)

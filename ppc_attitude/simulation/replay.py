@@ -26,12 +26,12 @@ from numpy.typing import NDArray
 
 from ppc_attitude.contract.declared import BY_COLUMN, is_told_the_truth, not_installed
 from ppc_attitude.contract.parameters import PARAMETERS
-from ppc_attitude.contract.run_record import Array, RunRecord
+from ppc_attitude.contract.run_record import Array, Change, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, ENABLED, HOSTED, NODE_OF, PLANT
 from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.given import rules_of, take_all
-from ppc_attitude.science.kinds import CONTROLLERS, PLANTS, SENSORS, Kind
+from ppc_attitude.science.kinds import CONTROLLERS, KINDS, PLANTS, SENSORS, Kind
 from ppc_attitude.science.parameter import Value, resolved
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots, check_slots
@@ -111,6 +111,11 @@ def replay(record: RunRecord) -> Replay:
         the law, or lacks an input of it.
     """
     others, left_out = _others(record)
+    left_out += tuple(
+        f"{change.value}: {change.node} was started again with it at {seconds(change.stamp_ns):g} s"
+        for kind in KINDS
+        for change in _swapped(record, kind)
+    )
     if record.controller not in CONTROLLERS.components:
         if not others:
             why = "the parameters of its nodes, which rosbags-convert drops, are not in it"
@@ -158,6 +163,13 @@ def _others(record: RunRecord) -> tuple[tuple[Difference, ...], tuple[str, ...]]
             except ConfigurationError as error:  # a bag may lack what the component reads
                 left_out.append(f"{component.name}: {error}")
     return tuple(replayed), tuple(left_out)
+
+
+def _swapped(record: RunRecord, kind: Kind) -> Iterator[Change]:
+    """Yield the changes that select another component of a kind."""
+    for change in record.changes:
+        if (change.node, change.name) == (NODE_OF[kind.name], kind.selector):
+            yield change
 
 
 def _see_that_it_can_be_played(
@@ -224,6 +236,8 @@ def _replayed(
 ) -> Difference:
     """Run one component over the instants that have all it reads and all that is compared.
 
+    They end where its node, started again, runs another one.
+
     Raises
     ------
     ConfigurationError
@@ -237,6 +251,8 @@ def _replayed(
         read = np.hstack([np.zeros((len(read), 1)), read[:, :-1]])
     columns = _columns(record)
     complete = np.isfinite(read).all(axis=0)
+    for change in _swapped(record, kind):
+        complete &= record.stamps_ns < change.stamp_ns
     for column in compared:
         if not column.late:
             complete &= np.isfinite(columns[column.name]).all(axis=1)
