@@ -336,6 +336,16 @@ def test_topics_that_no_component_of_the_run_gives_are_missed_by_nobody(
     assert sum(read.missing.values()) == 0
 
 
+def test_what_a_bridge_of_the_users_sends_to_our_filter_is_missed(tmp_path: Path) -> None:
+    run = simulate(load(configs("paper", "sensors_smallsat")), 1.0)
+    plant = {**run.parameters[PLANT], "sensors": "direct"}
+    run = replace(run, parameters={**run.parameters, PLANT: plant})
+    lost = set(run.stamps_ns[10:15].tolist())
+    sequence = [each for each in messages(run) if each[0].column != "gyro" or each[1] not in lost]
+    read = read_run(write_messages(tmp_path / "bag", sequence, run=run))
+    assert sum(read.missing.values()) == 5
+
+
 def test_what_another_law_does_not_give_is_missing_in_no_run_that_went_on_with_it(
     tmp_path: Path,
 ) -> None:

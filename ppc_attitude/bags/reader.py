@@ -29,7 +29,14 @@ from ppc_attitude.bags.errors import BagError, printable, shortened
 from ppc_attitude.bags.folder import Bag
 from ppc_attitude.bags.timeline import Timeline, align
 from ppc_attitude.contract.carriers import carriers
-from ppc_attitude.contract.declared import BY_COLUMN, BY_NAME, SAMPLED, not_installed, promised
+from ppc_attitude.contract.declared import (
+    BY_COLUMN,
+    BY_NAME,
+    SAMPLED,
+    components_of,
+    not_installed,
+    promised,
+)
 from ppc_attitude.contract.run_record import Change, RunRecord, told
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
@@ -41,6 +48,7 @@ from ppc_attitude.contract.topics import (
     Topic,
 )
 from ppc_attitude.contract.versions import versions_of_others
+from ppc_attitude.science.component import read_from_elsewhere
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.stamps import LATEST, seconds, stamp_of
 
@@ -319,11 +327,11 @@ def _lacking(
 ) -> dict[Topic, str]:
     """Topics that a run should have and has not, and why if the bag has them after all."""
     found = {}
-    sent = promised(parameters)
+    sent, others = promised(parameters), _of_others(parameters)
     for topic in SAMPLED:
         name = f"{home}/{topic.name}"
         msgtype = bag.topics.get(name, topic.msgtype)
-        if topic in series or topic in _of_others(parameters):
+        if topic in series or topic in others:
             continue
         if msgtype not in carriers(topic):
             found[topic] = f"{topic.name} ({_wrong_type(topic, msgtype)})"
@@ -334,9 +342,11 @@ def _lacking(
 
 
 def _of_others(parameters: Mapping[str, Mapping[str, Any]]) -> set[Topic]:
-    """Topics that no component gives of a node whose parameters are on record."""
+    """Topics that no component gives, of a node whose parameters are on record, and none reads."""
     known = {topic for topic in SAMPLED if topic.source in parameters}
-    return known - set(promised(parameters))
+    running = (components_of(node, own) for node, own in parameters.items())
+    read = {BY_COLUMN[each.name] for parts in running for each in read_from_elsewhere(parts)}
+    return known - read - set(promised(parameters))
 
 
 def _wrong_type(topic: Topic, msgtype: str) -> str:
