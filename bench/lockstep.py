@@ -46,8 +46,9 @@ from ppc_attitude.contract.topics import (
     Topic,
 )
 from ppc_attitude.science.controllers import ppc
+from ppc_attitude.science.parameter import NodeParameters
 from ppc_attitude.simulation.closed_loop import warm_up
-from ppc_attitude.simulation.scenario import Overrides, load
+from ppc_attitude.simulation.scenario import load
 
 _SETTLED = 0.25  # fraction of a run that is not timed: discovery, caches, clocks of the cores
 _PATIENCE = 60.0  # [s]
@@ -56,7 +57,7 @@ _PEER = (sys.executable, "-m", "bench.bare_peer")
 
 def stack_steps_per_s(
     duration: float,
-    values: Overrides | None = None,
+    values: NodeParameters | None = None,
     recorder: bool = True,
     domain: int = 0,
     files: Sequence[Path] = (),

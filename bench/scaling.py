@@ -24,7 +24,7 @@ from typing import Any
 from bench.lockstep import stack_steps_per_s
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.nodes.discovery import unused_domains
-from ppc_attitude.simulation.scenario import Overrides
+from ppc_attitude.science.parameter import NodeParameters
 
 RATES = (50.0, 250.0, 1000.0)  # [Hz]
 DURATIONS = (10.0, 200.0)  # [s]
@@ -35,7 +35,7 @@ _BASE_RATE, _BASE_DURATION = 100.0, 40.0
 def row(
     what: str,
     duration: float = _BASE_DURATION,
-    values: Overrides | None = None,
+    values: NodeParameters | None = None,
     recorder: bool = True,
     craft: int = 1,
 ) -> dict[str, Any]:

@@ -14,7 +14,6 @@
 
 """The craft that are shipped, by the names of their files, and parts of a craft by themselves."""
 
-from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -32,6 +31,7 @@ from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, assumpt
 from ppc_attitude.science.kernel import Quaternion
 from ppc_attitude.science.orbit import EARTH_RADIUS
 from ppc_attitude.science.orbit_elements import ORBIT_PARAMETERS, orbit_of
+from ppc_attitude.science.parameter import NodeParameters
 from ppc_attitude.science.part import Part
 from ppc_attitude.simulation.scenario import Scenario, load
 
@@ -45,7 +45,7 @@ def configs(*names: str) -> list[Path]:
     return [CONFIG / f"{name}.yaml" for name in names]
 
 
-def overlay(path: Path, nodes: Mapping[str, Mapping[str, Any]]) -> Path:
+def overlay(path: Path, nodes: NodeParameters) -> Path:
     """Write a configuration file that gives nodes these parameters."""
     content = {node: {"ros__parameters": dict(values)} for node, values in nodes.items()}
     path.write_text(yaml.safe_dump(content), encoding="utf-8")

@@ -36,10 +36,11 @@ from ppc_attitude.contract.topics import (
     REFERENCE,
 )
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.simulation.scenario import Overrides, load
+from ppc_attitude.science.parameter import NodeParameters
+from ppc_attitude.simulation.scenario import load
 
 
-def parameters(**given: str) -> Overrides:
+def parameters(**given: str) -> NodeParameters:
     return Request(given).scenario(CONFIG).parameters
 
 

@@ -76,6 +76,7 @@ from ppc_attitude.science.guarantee.surroundings import (
     broken_assumptions,
     fastest_of,
 )
+from ppc_attitude.science.parameter import NodeParameters
 from ppc_attitude.science.wheels import SPEED
 
 # The law sees a torque at the next sample, and begins anew with the one after it.
@@ -181,7 +182,7 @@ def _until_inside(suspended: Mask, outside: Mask) -> Mask:
     return np.asarray(last > inside)
 
 
-def _in_flight(record: RunRecord) -> Iterator[tuple[slice, Mapping[str, Mapping[str, Any]]]]:
+def _in_flight(record: RunRecord) -> Iterator[tuple[slice, NodeParameters]]:
     """Instants between changes in flight, and the parameters that hold there.
 
     Changes of faults are left out, because `faults_of` tells when each fault acted.
@@ -189,7 +190,7 @@ def _in_flight(record: RunRecord) -> Iterator[tuple[slice, Mapping[str, Mapping[
     return record.stretches(each for each in record.changes if each.name != FAULTS.name)
 
 
-def _broken(parameters: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+def _broken(parameters: NodeParameters) -> Iterator[str]:
     """Yield why the certificate does not hold for these parameters.
 
     Those of the reference do not count, because its motion is on record.
@@ -205,7 +206,7 @@ def _broken(parameters: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
         )
 
 
-def nodes_around(parameters: Mapping[str, Mapping[str, Any]]) -> Nodes:
+def nodes_around(parameters: NodeParameters) -> Nodes:
     """Return what surrounds the law, from the parameters of every node."""
     return Nodes(*(parameters.get(each, {}) for each in (PLANT, REFERENCE, INJECTOR, ESTIMATOR)))
 

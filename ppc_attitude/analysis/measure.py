@@ -14,7 +14,6 @@
 
 """The numbers of a run, from its record: what they are taken over, and what the record lacks."""
 
-from collections.abc import Mapping
 from contextlib import suppress
 from functools import cached_property
 from typing import Any
@@ -68,6 +67,7 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.science.component import QUATERNION
 from ppc_attitude.science.kinds import ACTUATORS
+from ppc_attitude.science.parameter import NodeParameters
 
 PAPER_TORQUE_LIMIT = 0.05
 """Torque limit on an axis [N·m], if the record does not say."""
@@ -367,7 +367,7 @@ class Measured:
                 limits[part] = self._limit_of(told)
         return limits
 
-    def _limit_of(self, parameters: Mapping[str, Mapping[str, Any]]) -> float:
+    def _limit_of(self, parameters: NodeParameters) -> float:
         """What the actuator gives on an axis [N·m]: as configured, as required, or the paper's."""
         torques = None
         with suppress(KeyError, TypeError, ValueError, OverflowError):  # a bag may hold anything

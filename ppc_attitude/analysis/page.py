@@ -31,6 +31,7 @@ from ppc_attitude.contract.declared import components_of
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import HOSTED
 from ppc_attitude.contract.whole_file import write_whole
+from ppc_attitude.science.parameter import NodeParameters
 
 
 class Html(str):
@@ -64,7 +65,7 @@ def asked(required: Requirements) -> str:
     return collapsed("Requirements file", pairs((name, str(value)) for name, value in lines))
 
 
-def configuration(parameters: Mapping[str, Mapping[str, Any]]) -> str:
+def configuration(parameters: NodeParameters) -> str:
     """Parameters by node, with their units, in columns; of components, the selected ones'."""
     if not parameters:
         return "<p>not recorded</p>"

@@ -23,6 +23,7 @@ from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.contract.yaml_file import parsed, parsed_json
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.parameter import NodeParameters
 
 CONTROLLER_KEY = "ppc_attitude.controller"
 PARAMETERS_KEY = "ppc_attitude.parameters"
@@ -61,7 +62,7 @@ class RunFacts(NamedTuple):
     """
 
     controller: str
-    parameters: Mapping[str, Mapping[str, Any]]
+    parameters: NodeParameters
     metadata: Mapping[str, str]
     flaws: tuple[str, ...]
 
@@ -91,7 +92,7 @@ def read_run_info(text: str) -> dict[str, Any]:
 
 
 def encode_custom_data(
-    controller: str, parameters: Mapping[str, Mapping[str, Any]], metadata: Mapping[str, str]
+    controller: str, parameters: NodeParameters, metadata: Mapping[str, str]
 ) -> dict[str, str]:
     """Return the custom data of a bag that states these facts.
 

@@ -14,7 +14,7 @@
 
 """Reading a recorded run, finished or cut, into a `RunRecord`."""
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain
 from operator import attrgetter
@@ -27,7 +27,7 @@ from ppc_attitude.bags.collected import Collected, readings
 from ppc_attitude.bags.custom_data import RECOVERED_KEY, decode_custom_data, usable
 from ppc_attitude.bags.errors import BagError, printable, shortened
 from ppc_attitude.bags.folder import Bag
-from ppc_attitude.bags.timeline import Timeline, align
+from ppc_attitude.bags.timeline import Series, Timeline, align
 from ppc_attitude.contract.carriers import carriers
 from ppc_attitude.contract.declared import (
     BY_COLUMN,
@@ -50,7 +50,8 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.contract.versions import versions_of_others
 from ppc_attitude.science.component import read_from_elsewhere
 from ppc_attitude.science.kinds import CONTROLLERS
-from ppc_attitude.science.stamps import LATEST, seconds, stamp_of
+from ppc_attitude.science.parameter import NodeParameters
+from ppc_attitude.science.stamps import LATEST, stamp_of
 
 
 def read_run(
@@ -171,66 +172,18 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
         raise BagError(f"{bag.path} {lacks}; messages read: {read}{_flaws(bag)}")
     recovered = bag.custom_data.get(RECOVERED_KEY)
     cut = [*bag.flaws, f"{recovered} (since recovered)"] if recovered else bag.flaws
-    parameters = facts.parameters
-    again = any((each.node, each.name) == (PLANT, ENABLED) for _, each in changes)
-    # A plant that was started again may have another rate; `align` empties what it is given.
-    for messages in (dict(series), series) if again else (series,):
-        plant = parameters.get(PLANT, {})
-        rate, duration = plant.get("rate"), plant.get("duration")
-        end_ns = stamp_of(round(duration * rate), rate) if rate and duration else None
-        timeline = align(messages, rate, cut=bool(cut), end_ns=end_ns)
-        parameters, in_flight = _of_last_epoch(facts.parameters, changes, timeline)
-        if parameters.get(PLANT, {}) == plant:
-            break
-    in_flight.sort(key=attrgetter("stamp_ns"))
+    timeline, parameters, in_flight = _aligned(series, facts.parameters, changes, cut=bool(cut))
     announced = (topic.name for topic in lacking if f"{home}/{topic.name}" in bag.topics)
     missing = {**timeline.missing, **dict.fromkeys(announced, len(timeline.stamps))}
-    last = {node: dict(own) for node, own in parameters.items()}
-    for change in in_flight:
-        last.setdefault(change.node, {})[change.name] = change.value
-    # A node that was started again may run another component, which gives other columns.
-    others = {topic.name for each in (parameters, last) for topic in _of_others(each)}
     law, began = (
         str(each.get(CONTROLLER, {}).get(CONTROLLERS.selector, facts.controller))
         for each in (facts.parameters, parameters)
     )
-    warnings = [*facts.flaws, *flaws, *collected.warnings(home), *timeline.warnings]
-    if lacking:
-        warnings.append(f"the bag {lacks}")
-    if unknown := not_installed(parameters):
-        warnings.append(
-            f"not installed: {', '.join(unknown)}; columns that only these give are not read"
-        )
-    for name, version in versions_of_others().items():
-        if (was := facts.metadata.get(name, version)) != version:
-            warnings.append(
-                f"package {name} was {was} in the run and is {version} here: its columns and "
-                f"parameters are read as {version} declares them"
-            )
-    begin = seconds(int(timeline.stamps[0]))
-    if rate and 0.0 < begin <= LATEST:
-        warnings.append(
-            f"the record begins at {begin:g} s: earlier inputs, and the states that components "
-            "had reached, are not in it, so a replay may differ"
-        )
-    end = seconds(int(timeline.stamps[-1]))
-    if cut:
-        warnings.insert(0, f"{_state(bag)}: {'; '.join(cut)}; read up to {end:.12g} s")
-    elif end_ns and timeline.stamps[-1] < end_ns:
-        warnings.append(
-            f"the record ends at {end:.12g} s, before the plant's duration of {duration:.12g} s: "
-            "events scheduled after its end are not in it"
-        )
-    return RunRecord(
+    record = RunRecord(
         source=printable(str(bag.path)),
         controller=facts.controller if began == law else began,
         stamps_ns=timeline.stamps,
-        columns={
-            name: rows
-            for name, rows in timeline.columns.items()
-            if BY_COLUMN[name].name not in others or np.isfinite(rows).any()
-        },
-        missing={name: count for name, count in missing.items() if name not in others},
+        columns=timeline.columns,
         held=timeline.held,
         parameters=parameters,
         changes=tuple(
@@ -239,15 +192,88 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
             if each.value != old or each.name == ENABLED  # which also marks that a node began anew
         ),
         metadata=facts.metadata,
+    )
+    # A node that was started again may run another component, which gives other columns.
+    *_, (_, last) = record.stretches(in_flight)
+    others = {topic.name for each in (parameters, last) for topic in _of_others(each)}
+    warnings = [
+        *([f"{_state(bag)}: {'; '.join(cut)}; read up to {record.t[-1]:.12g} s"] if cut else ()),
+        *(*facts.flaws, *flaws, *collected.warnings(home), *timeline.warnings),
+        *([f"the bag {lacks}"] if lacking else ()),
+        *_of_other_packages(record),
+        *_of_the_ends(record, cut=bool(cut)),
+    ]
+    return replace(
+        record,
+        columns={
+            name: rows
+            for name, rows in timeline.columns.items()
+            if BY_COLUMN[name].name not in others or np.isfinite(rows).any()
+        },
+        missing={name: count for name, count in missing.items() if name not in others},
         warnings=tuple(map(printable, warnings)),
     )
 
 
+def _aligned(
+    series: dict[Topic, Series],
+    parameters: NodeParameters,
+    changes: Iterable[tuple[int, Change]],
+    *,
+    cut: bool,
+) -> tuple[Timeline, NodeParameters, list[Change]]:
+    """Align the messages; also return the parameters of the begin, and what changed since."""
+    again = any((each.node, each.name) == (PLANT, ENABLED) for _, each in changes)
+    plant = parameters.get(PLANT, {})
+    # A plant that was started again may have another rate; `align` empties what it is given.
+    for messages in (dict(series), series) if again else (series,):
+        timeline = align(messages, plant.get("rate"), cut=cut, end_ns=_end_ns(plant))
+        began, in_flight = _of_last_epoch(parameters, changes, timeline)
+        if began.get(PLANT, {}) == plant:
+            break
+        plant = began[PLANT]
+    return timeline, began, sorted(in_flight, key=attrgetter("stamp_ns"))
+
+
+def _end_ns(plant: Mapping[str, Any]) -> int | None:
+    """Last stamp of a plant with these parameters [ns]; None if it has no end, or they say none."""
+    rate, duration = plant.get("rate"), plant.get("duration")
+    return stamp_of(round(duration * rate), rate) if rate and duration else None
+
+
+def _of_other_packages(record: RunRecord) -> Iterator[str]:
+    """Yield warnings of components and packages that are another here, or not there."""
+    if unknown := not_installed(record.parameters):
+        yield f"not installed: {', '.join(unknown)}; columns that only these give are not read"
+    for name, version in versions_of_others().items():
+        if (was := record.metadata.get(name, version)) != version:
+            yield (
+                f"package {name} was {was} in the run and is {version} here: its columns and "
+                f"parameters are read as {version} declares them"
+            )
+
+
+def _of_the_ends(record: RunRecord, *, cut: bool) -> Iterator[str]:
+    """Yield warnings of a record that does not begin or end as its run did."""
+    plant = record.parameters.get(PLANT, {})
+    begin, end, end_ns = record.t[0], record.t[-1], _end_ns(plant)
+    if plant.get("rate") and 0.0 < begin <= LATEST:
+        yield (
+            f"the record begins at {begin:g} s: earlier inputs, and the states that components "
+            "had reached, are not in it, so a replay may differ"
+        )
+    if not cut and end_ns and record.stamps_ns[-1] < end_ns:
+        yield (
+            f"the record ends at {end:.12g} s, before the plant's duration of "
+            f"{plant['duration']:.12g} s: events scheduled after its end are not in it"
+        )
+
+
 def _of_last_epoch(
-    parameters: Mapping[str, Mapping[str, Any]],
+    parameters: NodeParameters,
     changes: Iterable[tuple[int, Change]],
     timeline: Timeline,
-) -> tuple[Mapping[str, Mapping[str, Any]], list[Change]]:
+) -> tuple[NodeParameters, list[Change]]:
     """Parameters with which the last epoch began, and what was changed during it.
 
     When time begins again, a node publishes all its earlier changes again, with that stamp. In the
@@ -323,7 +349,7 @@ def _held(bag: Bag) -> str:
 
 
 def _lacking(
-    bag: Bag, home: str, series: Collection[Topic], parameters: Mapping[str, Mapping[str, Any]]
+    bag: Bag, home: str, series: Collection[Topic], parameters: NodeParameters
 ) -> dict[Topic, str]:
     """Topics that a run should have and has not, and why if the bag has them after all."""
     found = {}
@@ -341,7 +367,7 @@ def _lacking(
     return found
 
 
-def _of_others(parameters: Mapping[str, Mapping[str, Any]]) -> set[Topic]:
+def _of_others(parameters: NodeParameters) -> set[Topic]:
     """Topics that no component gives, of a node whose parameters are on record, and none reads."""
     known = {topic for topic in SAMPLED if topic.source in parameters}
     running = (components_of(node, own) for node, own in parameters.items())

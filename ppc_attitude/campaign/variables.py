@@ -44,10 +44,10 @@ from ppc_attitude.science.attitude import attitude_error, rotation_angle, unit_q
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import FAULTS, fault_texts
 from ppc_attitude.science.kinds import ACTUATORS, REFERENCES
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import NodeParameters, Parameter
 from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.science.references import goal
-from ppc_attitude.simulation.scenario import Overrides, Scenario, weakened
+from ppc_attitude.simulation.scenario import Scenario, weakened
 
 _RATE = Parameter("rate", 0.0, "norm of an added rate", "rad/s", low=0.0, high=100.0)
 _ERROR = Parameter("error", 0.0, "relative difference of an inertia", low=0.0, high=0.9)
@@ -100,7 +100,7 @@ class Variable(ABC):
         return {}
 
     @abstractmethod
-    def draw(self, own: Generator, values: Overrides) -> Drawn:
+    def draw(self, own: Generator, values: NodeParameters) -> Drawn:
         """Draw it from a stream of its own, for a run of these parameters."""
 
 
@@ -127,7 +127,7 @@ class InitialAttitude(Variable):
         """Read it as it is declared."""
         return cls(attitudes(name, declared))
 
-    def draw(self, own: Generator, values: Overrides) -> Drawn:
+    def draw(self, own: Generator, values: NodeParameters) -> Drawn:
         """Draw the attitude, and tell its angle from the reference's start, if that is declared."""
         q = unit_quaternion(self.of_plant, values[PLANT][self.of_plant])
         if self.drawn_from is not None:
@@ -160,7 +160,7 @@ class InitialRate(Variable):
             direction(f"{name}.direction", parts.get("direction", "sphere")),
         )
 
-    def draw(self, own: Generator, values: Overrides) -> Drawn:
+    def draw(self, own: Generator, values: NodeParameters) -> Drawn:
         """Draw the rate."""
         rate = np.array(values[PLANT][self.of_plant])
         if self.size is not None:
@@ -185,7 +185,7 @@ class InertiaError(Variable):
         """Read it as it is declared."""
         return cls(number(name, declared, _ERROR))
 
-    def draw(self, own: Generator, values: Overrides) -> Drawn:
+    def draw(self, own: Generator, values: NodeParameters) -> Drawn:
         """Draw the inertia."""
         inertia: Array = np.array(values[PLANT][self.of_plant])[[*UPPER]].reshape(3, 3)
         error = 0.0
@@ -238,7 +238,7 @@ class Disturbance(Variable):
         sense = direction(f"{name}.direction", parts.get("direction", "sphere"))
         return cls((time, duration, torque), sense)
 
-    def draw(self, own: Generator, values: Overrides) -> Drawn:
+    def draw(self, own: Generator, values: NodeParameters) -> Drawn:
         """Draw the pulse."""
         time, duration, size = (each.draw(own) for each in self.numbers)
         torque = [size * part for part in self.direction(own)]
@@ -293,7 +293,7 @@ class Fault(Variable):
         """Columns of the fault, and their units."""
         return {"fault": "", "fault_time": "s"} | ({"fault_duration": "s"} if self.duration else {})
 
-    def draw(self, own: Generator, values: Overrides) -> Drawn:
+    def draw(self, own: Generator, values: NodeParameters) -> Drawn:
         """Draw times, and then what fails."""
         numbers = [each.draw(own) for each in (self.time, self.duration) if each]
         what = str(own.choice(self.what))
@@ -327,7 +327,7 @@ class ActuatorStrength(Variable):
         _try(f"{name} can become {found.low:g}", base, weakest)
         return cls(found)
 
-    def draw(self, own: Generator, values: Overrides) -> Drawn:
+    def draw(self, own: Generator, values: NodeParameters) -> Drawn:
         """Draw the factor."""
         factor = 1.0 if self.factor is None else self.factor.draw(own)
         return {"actuator_strength": factor}, {PLANT: weakened(values[PLANT], factor)}

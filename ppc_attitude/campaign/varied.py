@@ -32,9 +32,9 @@ from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import PLANT, SOURCES
 from ppc_attitude.science.attitude import normalised
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.parameter import Parameter, nearest
+from ppc_attitude.science.parameter import NodeParameters, Parameter, nearest
 from ppc_attitude.science.plants.rigid_body import INERTIA
-from ppc_attitude.simulation.scenario import Overrides, Scenario
+from ppc_attitude.simulation.scenario import Scenario
 
 SHORT = {name: f"{PLANT}.{name}" for name in ("attitude_noise", "rate_noise")}
 """Parameters of some sensors that are variables under names of their own; other sensors have none,
@@ -74,7 +74,7 @@ class Varied(Variable):
         names = [f"{self.name}[{place}]" for place in self.places] if several else [self.name]
         return dict.fromkeys(names, self.unit or "1")
 
-    def draw(self, own: Generator, values: Overrides) -> Drawn:
+    def draw(self, own: Generator, values: NodeParameters) -> Drawn:
         """Draw the numbers; a list of which some vary stays complete."""
         value = values[self.node][self.parameter]
         if not isinstance(self.drawn_from, Attitudes):

@@ -31,7 +31,8 @@ from ppc_attitude.command_line.launching import ARGUMENTS
 from ppc_attitude.command_line.parameter_file import ros_parameters, run_info
 from ppc_attitude.contract.declared import nodes_of
 from ppc_attitude.contract.topics import CLOCK_TOPIC, MARKERS, PLANT, RECORDER
-from ppc_attitude.simulation.scenario import Overrides, Scenario
+from ppc_attitude.science.parameter import NodeParameters
+from ppc_attitude.simulation.scenario import Scenario
 
 _PATIENCE = "20"  # [s] how long a node may take to end after SIGINT, before it gets SIGTERM
 # A launch that gets SIGTERM, or is killed, ends at once and tells its processes nothing.
@@ -89,13 +90,13 @@ def side_by_side(runs: Mapping[str, Scenario], names: Collection[str]) -> list[A
     return actions
 
 
-def _parameters(scenario: Scenario, names: Iterable[str]) -> Overrides:
+def _parameters(scenario: Scenario, names: Iterable[str]) -> NodeParameters:
     """Parameters of the named nodes, as far as they are of the run or draw it."""
     needed = (*nodes_of(scenario.parameters), MARKERS)
     return {name: scenario.parameters[name] for name in names if name in needed}
 
 
-def _nodes(parameters: Overrides, namespace: str, ending: Ending) -> list[Any]:
+def _nodes(parameters: NodeParameters, namespace: str, ending: Ending) -> list[Any]:
     """Return the nodes for which there are parameters, which go to a file among the launch's logs.
 
     In a namespace of its own a run has a clock of its own too. All nodes of a launch share what

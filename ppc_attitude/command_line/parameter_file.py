@@ -25,6 +25,7 @@ import yaml
 from ppc_attitude.contract.declared import BY_COLUMN, components_of, nodes_of, samples_of
 from ppc_attitude.contract.topics import RECORDER, STANDARD
 from ppc_attitude.science.component import read_from_elsewhere
+from ppc_attitude.science.parameter import NodeParameters
 from ppc_attitude.simulation.scenario import Scenario
 
 
@@ -34,7 +35,7 @@ def parameter_file(scenario: Scenario) -> str:
     return ros_parameters(scenario.with_values(RECORDER, run_info=run_info(known)).parameters)
 
 
-def ros_parameters(nodes: Mapping[str, Mapping[str, Any]]) -> str:
+def ros_parameters(nodes: NodeParameters) -> str:
     """Return parameters by node, in whatever namespace it runs, as a ROS parameter file."""
     # An empty list, for which rcl knows no type, is the default, and left out. Lists are copied,
     # because YAML would write an alias, which rcl does not know, for a list that occurs twice.
@@ -51,12 +52,12 @@ def ros_parameters(nodes: Mapping[str, Mapping[str, Any]]) -> str:
     return yaml.safe_dump(content, default_flow_style=None, sort_keys=False, allow_unicode=True)
 
 
-def overlay(comment: Iterable[str], nodes: Mapping[str, Mapping[str, Any]]) -> str:
+def overlay(comment: Iterable[str], nodes: NodeParameters) -> str:
     """Return parameters by node as a ROS parameter file with a comment of some lines at its top."""
     return "".join(f"# {line}\n" for line in comment) + ros_parameters(nodes)
 
 
-def run_info(nodes: Mapping[str, Mapping[str, Any]]) -> str:
+def run_info(nodes: NodeParameters) -> str:
     """Return what the recorder is to know of a run.
 
     These are the parameters by node, the topics on which each node has a message at every instant,

@@ -43,6 +43,7 @@ from ppc_attitude.science.kinds import (
     ours_first,
     warn_of_unknown_groups,
 )
+from ppc_attitude.science.parameter import NodeParameters
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TOLD, TRUTH
 
 _EVENTS = {topic.name.lstrip("/") for topic in (*EVENTS, RECORDED_TOPIC, MARKERS_TOPIC)}
@@ -146,9 +147,7 @@ BOUNDS = tuple(
 """Each column that some component bounds, with the column that bounds it."""
 
 
-def bounds_of(
-    controller: str, parameters: Mapping[str, Mapping[str, Any]]
-) -> tuple[tuple[str, str], ...]:
+def bounds_of(controller: str, parameters: NodeParameters) -> tuple[tuple[str, str], ...]:
     """Return pairs of a column and the column that bounds it, as a run's components declare them.
 
     For a column that none of the run's components gives, the first component that has it counts;
@@ -188,7 +187,7 @@ def has_parameter(node: str, values: Mapping[str, Any], name: str) -> bool:
     return any(name in component.defaults for component in components_of(node, values))
 
 
-def not_installed(parameters: Mapping[str, Mapping[str, Any]]) -> list[str]:
+def not_installed(parameters: NodeParameters) -> list[str]:
     """Selections in nodes' parameters of components that are not installed."""
     return [
         f"{kind.selector} = {name}"
@@ -199,7 +198,7 @@ def not_installed(parameters: Mapping[str, Mapping[str, Any]]) -> list[str]:
     ]
 
 
-def nodes_of(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
+def nodes_of(parameters: NodeParameters) -> tuple[str, ...]:
     """Nodes that a run with these parameters has."""
     chosen = (node for node in OPTIONAL if components_of(node, parameters.get(node, {})))
     return (*chosen, *NODES)
@@ -226,7 +225,7 @@ def samples_of(node: str, values: Mapping[str, Any]) -> list[Topic]:
     return [BY_COLUMN[column.name] for column in columns_of(node, values) if not column.late]
 
 
-def promised(parameters: Mapping[str, Mapping[str, Any]]) -> list[Topic]:
+def promised(parameters: NodeParameters) -> list[Topic]:
     """Return the topics that must have a message at every instant, by what is known of the nodes.
 
     Known are the nodes of ours that took part, with their parameters. A node of the user's in the

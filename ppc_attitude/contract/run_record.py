@@ -28,6 +28,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ppc_attitude.science.parameter import NodeParameters
+
 Array = NDArray[np.float64]
 STEADY = 0.2
 """Samples can have gaps only if three in four steps are within this share of the usual step [1]."""
@@ -71,9 +73,7 @@ ToldChange: TypeAlias = tuple[Change, Any]
 """A change, and the value before it; None if the record does not say that."""
 
 
-def told(
-    changes: Iterable[Change], parameters: Mapping[str, Mapping[str, Any]]
-) -> Iterator[ToldChange]:
+def told(changes: Iterable[Change], parameters: NodeParameters) -> Iterator[ToldChange]:
     """Yield changes in the order of their stamps, each with the value before.
 
     Parameters
@@ -127,7 +127,7 @@ class RunRecord:
     columns: Mapping[str, Array]
     missing: Mapping[str, int] = field(default_factory=dict)
     held: frozenset[str] = frozenset()
-    parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    parameters: NodeParameters = field(default_factory=dict)
     changes: tuple[Change, ...] = ()
     metadata: Mapping[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
@@ -155,9 +155,7 @@ class RunRecord:
         """Changes during the run, each with the value before, in the order of the stamps."""
         return list(told(self.changes, self.parameters))
 
-    def stretches(
-        self, changes: Iterable[Change]
-    ) -> Iterator[tuple[slice, Mapping[str, Mapping[str, Any]]]]:
+    def stretches(self, changes: Iterable[Change]) -> Iterator[tuple[slice, NodeParameters]]:
         """Yield the instants between some of the changes, and the parameters that hold there.
 
         The same dictionaries are changed and yielded each time: copy them to keep them.

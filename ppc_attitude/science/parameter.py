@@ -30,6 +30,8 @@ import numpy as np
 from ppc_attitude.science.errors import ConfigurationError
 
 Value: TypeAlias = bool | int | float | str | list[Any]
+NodeParameters: TypeAlias = Mapping[str, Mapping[str, Any]]
+"""Values of parameters, by the name of the node and then by their own."""
 LARGEST = 1e30
 """No number of a craft is larger: products of several such numbers are still finite."""
 _LARGEST_INTEGER = 2**63 - 1

@@ -36,13 +36,12 @@ from ppc_attitude.science.component import Column, Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import call_step, kernel
 from ppc_attitude.science.kinds import KINDS, PLANTS, Kind, given_twice, not_given
+from ppc_attitude.science.parameter import NodeParameters
 from ppc_attitude.science.part import Part, signals_of
 
 _BLOCK = 256  # [instants] whose samples a core's own cache holds
 _APART = 8  # [instants] between rows of a block, which else would share few places of the cache
 _INSTANT = 2  # numbers before the columns in a component's record of inputs
-
-Parameters = Mapping[str, Mapping[str, Any]]
 
 
 @kernel
@@ -120,13 +119,13 @@ def run_parts(
             first = k + 1
 
 
-def selected(parameters: Parameters) -> list[tuple[Kind, Component]]:
+def selected(parameters: NodeParameters) -> list[tuple[Kind, Component]]:
     """Components that the parameters of all nodes select, in the order of an instant."""
     chosen = [(kind, kind.selected(parameters.get(NODE_OF[kind.name], {}))) for kind in KINDS]
     return [(kind, component) for kind, component in chosen if component is not None]
 
 
-def recorded_columns(parameters: Parameters) -> tuple[Column, ...]:
+def recorded_columns(parameters: NodeParameters) -> tuple[Column, ...]:
     """Columns that a run puts on record, in the order of an instant."""
     columns = {
         column.name: column
@@ -156,7 +155,7 @@ class Diagram:
     """
 
     def __init__(
-        self, parameters: Parameters, ahead: bool = False, timetable: Array | None = None
+        self, parameters: NodeParameters, ahead: bool = False, timetable: Array | None = None
     ) -> None:
         chosen = self._selected = selected(parameters)
         if ahead:
@@ -190,7 +189,7 @@ class Diagram:
             else recorded_columns(parameters)
         )
 
-    def restart(self, parameters: Parameters) -> None:
+    def restart(self, parameters: NodeParameters) -> None:
         """Begin anew, with other parameters of the same components.
 
         Raises

@@ -43,12 +43,11 @@ from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import see_that_parts_exist
 from ppc_attitude.science.kinds import ACTUATORS, Kind, all_components, not_given
-from ppc_attitude.science.parameter import Value, checked, nearest, resolved
+from ppc_attitude.science.parameter import NodeParameters, Value, checked, nearest, resolved
 from ppc_attitude.science.part import configured
 from ppc_attitude.science.sensors.arrivals import check_slots
 from ppc_attitude.science.stamps import NANOSECONDS, first_step, seconds
 
-Overrides = Mapping[str, Mapping[str, Any]]
 # A pipe can be read only once, so its content is kept by its inode, which another pipe has not.
 _read_once = cache(lambda path, inode: read(path, "configuration file"))
 
@@ -74,7 +73,7 @@ class Scenario:
         """Value of a parameter that is a number."""
         return float(self.parameters[node][name])
 
-    def overlaid(self, chosen: Overrides) -> "Scenario":
+    def overlaid(self, chosen: NodeParameters) -> "Scenario":
         """Return a copy with some parameters replaced by allowed values.
 
         Whether the components can run with them is checked by `check_components`, or by the run.
@@ -188,7 +187,7 @@ def _flattened(tree: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str,
             yield name, value
 
 
-def scenario(chosen: Overrides) -> Scenario:
+def scenario(chosen: NodeParameters) -> Scenario:
     """Check given parameters, fill in the defaults, and see that all of it fits together.
 
     Raises
@@ -216,7 +215,7 @@ def scenario(chosen: Overrides) -> Scenario:
     return found
 
 
-def check_exchange(parameters: Overrides) -> None:
+def check_exchange(parameters: NodeParameters) -> None:
     """Check that no node would wait for ever for an input; in process none waits.
 
     Raises
@@ -245,7 +244,7 @@ def check_exchange(parameters: Overrides) -> None:
                 )
 
 
-def _absent(parameters: Overrides, node: str) -> list[Column]:
+def _absent(parameters: NodeParameters, node: str) -> list[Column]:
     """Columns that components of a node read and no selected component gives."""
     chosen = [each for host in HOSTED for each in components_of(host, parameters[host])]
     given = {column.name for component in chosen for column in component.outputs}
@@ -253,7 +252,7 @@ def _absent(parameters: Overrides, node: str) -> list[Column]:
     return [column for column in read if column.name not in given]
 
 
-def _check_agreement(parameters: Overrides) -> None:
+def _check_agreement(parameters: NodeParameters) -> None:
     """Check that nodes have one value of each parameter of which all must have the same."""
     told: dict[str, tuple[str, Value]] = {}
     for node in HOSTED:
@@ -267,7 +266,7 @@ def _check_agreement(parameters: Overrides) -> None:
                 )
 
 
-def _check_allocation(parameters: Overrides) -> None:
+def _check_allocation(parameters: NodeParameters) -> None:
     """Check that the selected actuator reads what the selected allocator gives."""
     read = {each.name for part in components_of(PLANT, parameters[PLANT]) for each in part.inputs}
     for component in components_of(ALLOCATOR, parameters[ALLOCATOR]):
@@ -287,7 +286,7 @@ def agreed(node: str, values: Mapping[str, Value]) -> list[str]:
     return [p.name for p in (*OWN[node], *of_components) if p.agreed]
 
 
-def spread(base: Overrides, changed: Overrides) -> dict[str, dict[str, Any]]:
+def spread(base: NodeParameters, changed: NodeParameters) -> dict[str, dict[str, Any]]:
     """Give changes of `agreed` parameters to every node that gets no value of its own for them."""
     alike = {node: agreed(node, base[node]) for node in SOURCES}
     shared: dict[str, Any] = {}
@@ -348,7 +347,7 @@ def _given_by(node: str) -> set[Column]:
     return {c for each in all_components(HOSTED.get(node, ())) for c in each.outputs} - others
 
 
-def load(paths: Sequence[Path | str], overrides: Overrides | None = None) -> Scenario:
+def load(paths: Sequence[Path | str], overrides: NodeParameters | None = None) -> Scenario:
     """Read parameter files, apply overrides, check.
 
     Raises
@@ -392,7 +391,7 @@ def idle_parameters(paths: Sequence[Path | str], found: Scenario) -> list[str]:
     )
 
 
-def _overridden(paths: Sequence[Path | str], overrides: Overrides | None) -> Overrides:
+def _overridden(paths: Sequence[Path | str], overrides: NodeParameters | None) -> NodeParameters:
     chosen = read_files(paths)
     for node, values in (overrides or {}).items():
         chosen.setdefault(node, {}).update(values)
