@@ -82,7 +82,7 @@ class Search:
         with needed_by("the adversary needs CMA-ES", "guarantee"):
             import cma
         self._cma: Any = cma
-        self._space, self._goal, self._seed = space, goal, seed
+        self.space, self.goal, self._seed = space, goal, seed
         self._file = folder / HISTORY
         folder.mkdir(parents=True, exist_ok=True)
         identity = json.dumps([space.to_json(), asdict(goal), seed], sort_keys=True)
@@ -141,8 +141,8 @@ class Search:
             flies otherwise now.
         """
         end = time.monotonic() + seconds
-        best = Found(0, -np.inf, np.zeros(self._space.size))
-        value = partial(evaluated, self._space, self._goal)
+        best = Found(0, -np.inf, np.zeros(self.space.size))
+        value = partial(evaluated, self.space, self.goal)
 
         def flown(choices: list[Array]) -> list[float] | None:
             flights = [executor.submit(value, each) for each in choices]
@@ -191,7 +191,7 @@ class Search:
         stream = np.random.default_rng(self._seed)
         while True:
             strategy = self._cma.CMAEvolutionStrategy(
-                stream.standard_normal(self._space.size),
+                stream.standard_normal(self.space.size),
                 _WIDTH,
                 {
                     "seed": int(stream.integers(1, 2**31)),

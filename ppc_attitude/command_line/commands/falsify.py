@@ -142,60 +142,13 @@ def execute(arguments: argparse.Namespace) -> int:
     scenario = scenario_of(arguments)
     if not arguments.scheduler:  # the runs of a cluster take the memory of others
         check_memory(scenario, cores())
-    duration = scenario.number(PLANT, "duration")
-    after = arguments.after or 0.0
-    if after >= duration:
-        raise ConfigurationError(
-            f"--after {after:g} s; allowed: less than the run of {duration:g} s"
-        )
-    pieces = "a disturbance in pieces, without --pieces 0"
-    see_that_none_is_idle(arguments, arguments.pieces, pieces, "disturbance")
-    space = Space(
-        base=scenario,
-        rate=math.radians(arguments.start_rate),
-        disturbance=_disturbance(arguments, scenario),
-        pieces=arguments.pieces,
-        e_S=arguments.inertia_error,
-        eta=arguments.strength,
-        begin=arguments.begin,
-        late=arguments.late,
-    )
-    fastest = f"{PREFIX}assumed.Omega"  # [rad/s] of the certificate, where the law has one
-    known = fastest in scenario.parameters[CONTROLLER]
-    goal = goal_of(
-        arguments.goal,
-        scenario.controller,
-        arguments.accuracy or SETTLED,
-        after,
-        math.degrees(scenario.number(CONTROLLER, fastest)) if known else RATE,
-    )
-    error, others = "the goals settling and terminal", "the goal rate and those with a bound"
-    see_that_none_is_idle(arguments, goal.has_accuracy, error, "accuracy")
-    see_that_none_is_idle(arguments, not goal.has_accuracy, others, "after")
-    search = Search(space, goal, arguments.out, arguments.seed)
-    found: Found | None = None
-    with (
-        _executor(arguments.scheduler) as (executor, check),
-        stop_on_signals() as stop,
-        tqdm(total=arguments.runs, unit=" runs", file=sys.stderr) as bar,
-    ):
-        try:
-            for found in search.run(arguments.runs, arguments.seconds, executor, stop, check):
-                bar.update(found.runs - bar.n)
-                bar.set_postfix_str(goal.text(found.value, duration))
-        except (CampaignError, CancelledError):  # whichever comes first
-            lost = f"the scheduler {arguments.scheduler} was lost"
-            raise RunError(f"{lost}; the same command continues") from None
-    if found is None and stop.is_set():
-        raise RunError("interrupted before the first generation of runs was complete")
-    if found is None:
-        least = "allowed: enough for one generation of runs"
-        raise ConfigurationError(f"--seconds {arguments.seconds:g}; {least}")
+    goal, space = _goal_of(arguments, scenario), _space_of(arguments, scenario)
+    found, interrupted = _searched(arguments, Search(space, goal, arguments.out, arguments.seed))
     worst = arguments.out / WORST
     write_whole(worst, _file(space, goal, found, arguments.controller))
     broken = found.value > goal.limit
     limit = float(f"{goal.limit:.12g}")  # what was 3 deg/s in a certificate has other last digits
-    text = goal.text(found.value, duration)
+    text = goal.text(found.value, space.duration)
     if arguments.json:
         print_json(
             {
@@ -213,11 +166,72 @@ def execute(arguments: argparse.Namespace) -> int:
         told = f", limit {limit:g}" if math.isfinite(limit) else ""
         print(f"largest {goal.name} of {found.runs} runs: {text}{told}")
         print(f"worst case: {worst}")
-    if stop.is_set() and found.runs < arguments.runs:
+    if interrupted and found.runs < arguments.runs:
         raise RunError(
             f"interrupted after {found.runs} of {arguments.runs} runs; the same command continues"
         )
     return REQUIREMENT_FAILED if broken else DONE
+
+
+def _goal_of(arguments: argparse.Namespace, scenario: Scenario) -> Goal:
+    """What is maximised, as asked for."""
+    duration, after = scenario.number(PLANT, "duration"), arguments.after or 0.0
+    if after >= duration:
+        raise ConfigurationError(
+            f"--after {after:g} s; allowed: less than the run of {duration:g} s"
+        )
+    fastest = f"{PREFIX}assumed.Omega"  # [rad/s] of the certificate, where the law has one
+    known = fastest in scenario.parameters[CONTROLLER]
+    goal = goal_of(
+        arguments.goal,
+        scenario.controller,
+        arguments.accuracy or SETTLED,
+        after,
+        math.degrees(scenario.number(CONTROLLER, fastest)) if known else RATE,
+    )
+    error, others = "the goals settling and terminal", "the goal rate and those with a bound"
+    see_that_none_is_idle(arguments, goal.has_accuracy, error, "accuracy")
+    see_that_none_is_idle(arguments, not goal.has_accuracy, others, "after")
+    return goal
+
+
+def _space_of(arguments: argparse.Namespace, scenario: Scenario) -> Space:
+    """What is searched, as asked for."""
+    pieces = "a disturbance in pieces, without --pieces 0"
+    see_that_none_is_idle(arguments, arguments.pieces, pieces, "disturbance")
+    return Space(
+        base=scenario,
+        rate=math.radians(arguments.start_rate),
+        disturbance=_disturbance(arguments, scenario),
+        pieces=arguments.pieces,
+        e_S=arguments.inertia_error,
+        eta=arguments.strength,
+        begin=arguments.begin,
+        late=arguments.late,
+    )
+
+
+def _searched(arguments: argparse.Namespace, search: Search) -> tuple[Found, bool]:
+    """Worst case so far after this session's runs, and whether a signal ended the session."""
+    found: Found | None = None
+    with (
+        _executor(arguments.scheduler) as (executor, check),
+        stop_on_signals() as stop,
+        tqdm(total=arguments.runs, unit=" runs", file=sys.stderr) as bar,
+    ):
+        try:
+            for found in search.run(arguments.runs, arguments.seconds, executor, stop, check):
+                bar.update(found.runs - bar.n)
+                bar.set_postfix_str(search.goal.text(found.value, search.space.duration))
+        except (CampaignError, CancelledError):  # whichever comes first
+            lost = f"the scheduler {arguments.scheduler} was lost"
+            raise RunError(f"{lost}; the same command continues") from None
+    if found is None and stop.is_set():
+        raise RunError("interrupted before the first generation of runs was complete")
+    if found is None:
+        least = "allowed: enough for one generation of runs"
+        raise ConfigurationError(f"--seconds {arguments.seconds:g}; {least}")
+    return found, stop.is_set()
 
 
 def _disturbance(arguments: argparse.Namespace, scenario: Scenario) -> float:
