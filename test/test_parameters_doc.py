@@ -41,12 +41,13 @@ from rclpy.parameter import (
     parameter_value_to_python,
 )
 
+from ppc_attitude.contract.parameter_files import read_files
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, RECORDER, REFERENCE
 from ppc_attitude.nodes.parameters import _quoted
 from ppc_attitude.science.parameter import unquoted
 from ppc_attitude.science.rate_observer import PARAMETERS as FRONT
-from ppc_attitude.simulation.scenario import load, read_files
+from ppc_attitude.simulation.scenario import load
 
 CONFIGURATIONS = [
     path

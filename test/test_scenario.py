@@ -24,6 +24,7 @@ import numpy as np
 import pytest
 from craft_helpers import CONFIG, configs, pulse
 
+from ppc_attitude.contract.parameter_files import read_files
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.environments import paper as paper_torque
@@ -38,7 +39,6 @@ from ppc_attitude.simulation.scenario import (
     check_exchange,
     idle_parameters,
     load,
-    read_files,
     scenario,
 )
 
@@ -192,6 +192,8 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     binary.write_bytes(b"\xff\xfe\x00\x80")
     with pytest.raises(ConfigurationError, match=r"binary\.yaml cannot be read as YAML"):
         read_files([binary])
+    with pytest.raises(ConfigurationError, match=r"files = 'one\.yaml'; allowed: a list of files"):
+        load("one.yaml")
 
 
 IDENTITY = [1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0]
@@ -269,6 +271,8 @@ def test_only_the_selected_component_must_be_feasible() -> None:
     assert case.controller.name == "quaternion_feedback"
     with pytest.raises(ConfigurationError, match="rate_envelope is infeasible"):
         case.with_values("ppc_controller", controller="ppc")
+    with pytest.raises(ConfigurationError, match="unknown node thruster; nodes are spacecraft"):
+        case.with_values("thruster", a=1)
 
 
 @pytest.mark.parametrize(("value", "name"), [(True, "paper"), (False, "none"), ("none", "none")])

@@ -15,10 +15,9 @@
 """The scenario: ROS parameter files, overlaid, checked, turned into the kernels' records."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -26,7 +25,8 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.contract.declared import columns_of, components_of
-from ppc_attitude.contract.parameters import OWN, PARAMETERS, SEND_TRUTH, is_of_ros
+from ppc_attitude.contract.parameter_files import read_files
+from ppc_attitude.contract.parameters import OWN, PARAMETERS, SEND_TRUTH
 from ppc_attitude.contract.topics import (
     ALLOCATOR,
     CONTROLLER,
@@ -37,19 +37,15 @@ from ppc_attitude.contract.topics import (
     PLANT,
     SOURCES,
 )
-from ppc_attitude.contract.yaml_file import read
 from ppc_attitude.science.component import Column, Component, read_from_elsewhere
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import see_that_parts_exist
 from ppc_attitude.science.kinds import ACTUATORS, Kind, all_components, not_given
-from ppc_attitude.science.parameter import NodeParameters, Value, checked, nearest, resolved
+from ppc_attitude.science.parameter import NodeParameters, Value, checked, resolved
 from ppc_attitude.science.part import configured
 from ppc_attitude.science.sensors.arrivals import check_slots
 from ppc_attitude.science.stamps import NANOSECONDS, first_step, seconds
-
-# A pipe can be read only once, so its content is kept by its inode, which another pipe has not.
-_read_once = cache(lambda path, inode: read(path, "configuration file"))
 
 
 @dataclass(frozen=True)
@@ -77,7 +73,13 @@ class Scenario:
         """Return a copy with some parameters replaced by allowed values.
 
         Whether the components can run with them is checked by `check_components`, or by the run.
+
+        Raises
+        ------
+        ConfigurationError
+            Unknown node or name, a value that is not allowed, or pulses that do not fit.
         """
+        _see_that_nodes_exist(chosen)
         changed = {
             node: {**self.parameters[node], **checked(PARAMETERS[node], values, node)}
             for node, values in chosen.items()
@@ -120,73 +122,6 @@ def see_that_it_has(base: Scenario, kind: Kind, what: str, name: str) -> None:
         )
 
 
-def read_files(paths: Iterable[Path | str]) -> dict[str, dict[str, Any]]:
-    """Parameters by node from ROS parameter files; of several files the later wins.
-
-    Raises
-    ------
-    ConfigurationError
-        A file is missing, is not YAML, or is not a ROS parameter file; the message names it.
-    """
-    merged: dict[str, dict[str, Any]] = {}
-    for path in map(Path, paths):
-        for node, values in _read_file(path):
-            if node == "**":
-                _update_every_node(merged, values, path)
-            else:
-                merged.setdefault(node, {}).update(values)
-    return merged
-
-
-def _update_every_node(
-    merged: dict[str, dict[str, Any]], values: Mapping[str, Any], path: Path
-) -> None:
-    """Give every node those of a wildcard's values that it knows; some node must know each."""
-    known = {node: {p.name for p in table} for node, table in PARAMETERS.items()}
-    for name, value in values.items():
-        owners = [node for node, names in known.items() if name in names]
-        if not owners:
-            meant = nearest(name, set().union(*known.values()))
-            raise ConfigurationError(
-                f"configuration file {path}: no node has a parameter {name}{meant}"
-            )
-        for node in owners:
-            merged.setdefault(node, {})[name] = value
-
-
-def _read_file(path: Path) -> list[tuple[str, dict[str, Any]]]:
-    """Node names, or ** for all, with their flat parameters, in the file's order."""
-    inode = path.stat().st_ino if path.is_fifo() else None
-    content = _read_once(path, inode) if inode else read(path, "configuration file")
-    if not isinstance(content, dict):
-        raise ConfigurationError(
-            f"configuration file {path} is not a ROS parameter file: no node name at its top"
-        )
-    nodes = []
-    for key, body in content.items():
-        name = str(key).rsplit("/", 1)[-1]
-        if name not in PARAMETERS and name != "**":
-            raise ConfigurationError(
-                f"configuration file {path} names an unknown node {key}; "
-                f"nodes are {', '.join(PARAMETERS)}"
-            )
-        if not isinstance(body, dict) or not isinstance(body.get("ros__parameters"), dict):
-            raise ConfigurationError(
-                f"configuration file {path}: {key} has no mapping ros__parameters"
-            )
-        nodes.append((name, dict(_flattened(body["ros__parameters"]))))
-    return nodes
-
-
-def _flattened(tree: Mapping[str, Any], prefix: str = "") -> Iterable[tuple[str, Any]]:
-    for key, value in tree.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, dict):
-            yield from _flattened(value, f"{name}.")
-        elif not is_of_ros(name):
-            yield name, value
-
-
 def scenario(chosen: NodeParameters) -> Scenario:
     """Check given parameters, fill in the defaults, and see that all of it fits together.
 
@@ -195,9 +130,7 @@ def scenario(chosen: NodeParameters) -> Scenario:
     ConfigurationError
         Unknown node or name, or a value that is wrong, infeasible or does not fit another.
     """
-    unknown = sorted(set(chosen) - set(PARAMETERS))
-    if unknown:
-        raise ConfigurationError(f"unknown node {unknown[0]}; nodes are {', '.join(PARAMETERS)}")
+    _see_that_nodes_exist(chosen)
     parameters = {
         node: resolved(table, chosen.get(node, {}), node) for node, table in PARAMETERS.items()
     }
@@ -213,6 +146,12 @@ def scenario(chosen: NodeParameters) -> Scenario:
     _check_allocation(parameters)
     check_pulses(parameters[INJECTOR], found.number(PLANT, "rate"))
     return found
+
+
+def _see_that_nodes_exist(chosen: NodeParameters) -> None:
+    """Raise ConfigurationError if parameters are given for a node that is unknown."""
+    if unknown := sorted(chosen.keys() - PARAMETERS.keys()):
+        raise ConfigurationError(f"unknown node {unknown[0]}; nodes are {', '.join(PARAMETERS)}")
 
 
 def check_exchange(parameters: NodeParameters) -> None:

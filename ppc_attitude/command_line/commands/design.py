@@ -39,6 +39,7 @@ from ppc_attitude.command_line.options import (
 )
 from ppc_attitude.command_line.parameter_file import overlay
 from ppc_attitude.command_line.paths import new_file, see_that_it_may_go, some_path
+from ppc_attitude.contract.parameter_files import read_files
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
 from ppc_attitude.contract.whole_file import write_whole
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
@@ -74,7 +75,7 @@ from ppc_attitude.science.guarantee.surroundings import (
 from ppc_attitude.science.kinds import REFERENCES
 from ppc_attitude.science.parameter import resolved
 from ppc_attitude.science.references import paper, paper_ahead
-from ppc_attitude.simulation.scenario import Scenario, read_files
+from ppc_attitude.simulation.scenario import Scenario
 
 HELP = "gains of the momentum-tube law with a certificate; of other laws by search"
 DESCRIPTION = (
