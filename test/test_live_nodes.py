@@ -16,6 +16,9 @@
 
 import re
 import signal
+import time
+from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +26,12 @@ import numpy as np
 import pytest
 from conftest import StartProcess
 from geometry_msgs.msg import WrenchStamped
-from peer import Peer, last_torque, living, peer
+from peer import Beside, Peer, last_torque, living, peer
 from process_helpers import ENDLESS, LOCKSTEP, Node, Run, end_all, loop_nodes, pace, plans, until
 from rcl_interfaces.msg import ParameterEvent
 from rosbags.highlevel import AnyReader
 from std_srvs.srv import SetBool, Trigger
-from test_health import INSTANT
+from test_health import INSTANT, UNIT
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.main import main
@@ -42,8 +45,11 @@ from ppc_attitude.contract.topics import (
     PLANT,
     REFERENCE,
     TORQUE_COMMAND,
+    TRUE_ATTITUDE,
 )
+from ppc_attitude.nodes.disturbance_injector import DisturbanceInjector
 from ppc_attitude.nodes.ppc_controller import PpcController
+from ppc_attitude.nodes.reference_generator import ReferenceGenerator
 from ppc_attitude.nodes.spacecraft_plant import SpacecraftPlant
 from ppc_attitude.processes.exits import BAD_INPUT
 from ppc_attitude.science.errors import ConfigurationError
@@ -152,6 +158,25 @@ def test_a_plant_finds_who_publishes_under_another_name() -> None:
     with living(SpacecraftPlant, rules=[f"{TORQUE_COMMAND.name}:=command"]) as plant:
         plant.create_publisher(WrenchStamped, "command", 1)
         until(lambda: plant.is_published(TORQUE_COMMAND.name), "the publisher")
+
+
+@pytest.mark.parametrize("kind", [DisturbanceInjector, ReferenceGenerator])
+def test_who_needs_but_the_time_takes_it_from_the_truth_where_it_is_sent(kind: Any) -> None:
+    """An estimator that stops would stop the environment, too."""
+    answered: list[int] = []
+    with living(kind) as node, closing(Beside(node, ATTITUDE, TRUE_ATTITUDE)) as beside:
+        passed = 0.0
+        node.now = lambda: time.monotonic() + passed
+        node.on_instant = lambda stamp_ns, _: answered.append(stamp_ns)
+        beside.meet()
+        for stamp in (1, 2):
+            beside.send(TRUE_ATTITUDE, stamp, UNIT)
+            beside.until(partial(answered.count, stamp))
+        node._on_state(3, UNIT)
+        assert answered == [1, 2]
+        passed = 60.0  # the truth is sent no longer
+        beside.send(ATTITUDE, 4, UNIT)
+        beside.until(lambda: answered == [1, 2, 4])
 
 
 REFUSED = {

@@ -90,14 +90,17 @@ def test_impossible_variances_of_sensors_are_refused():
     gyro, fix = BY_COLUMN["gyro"], BY_COLUMN["star_fix"]
     for variance in (0.0, 1e4):
         read(gyro, 0, (0.1, 0.2, 0.3, variance))
-    assert read(gyro, 0, (0.0, 0.0, 0.0, -1.0)).values[3] == -1.0  # no rate
-    for variance in (-1.0, -1e-9, 1.1e5, 1e6, math.nan):
+    for rate in (0.0, 0.3, math.nan):  # whatever stands there, no rate
+        assert read(gyro, 0, (0.0, 0.0, rate, -1.0)).values == (0.0, 0.0, 0.0, -1.0)
+    for variance in (-1e-9, 1.1e5, 1e6, math.nan):
         with pytest.raises(RefusedError, match="imu/data_raw"):
             read(gyro, 0, (0.1, 0.2, 0.3, variance))
     for variances in ((1e-10, 2e-10, 1e-8), (0.0, 0.0, 0.0)):  # the default: an exact tracker
         assert read(fix, 0, (0.0, 0.0, 0.0, 1.0009, *variances)).values == (*UNIT, *variances)
-    assert read(fix, 0, (0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0)).values[4] == -1.0  # no fix
-    impossible = ((-1.0, 0.0, 0.0), (9.9, 0.0, 0.0), (1e-10, 1e-10, -1e-8), (math.nan,) * 3)
+    for attitude in ((0.0, 0.0, 0.0, 0.0), UNIT, (math.nan,) * 4):  # whatever stands there, no fix
+        nothing = read(fix, 0, (*attitude, -1.0, 2.0, 0.0)).values
+        assert nothing == (0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0)
+    impossible = ((-1e-9, 0.0, 0.0), (9.9, 0.0, 0.0), (1e-10, 1e-10, -1e-8), (math.nan,) * 3)
     for variances in (*impossible, (1e-10, 1e-10, 9.9), (1e300,) * 3):
         with pytest.raises(RefusedError, match="star_tracker/attitude"):
             read(fix, 0, (*UNIT, *variances))
@@ -126,3 +129,6 @@ def test_a_force_without_a_torque_is_refused():
         Inbox(TORQUE_COMMAND).read(bytes(data))
     data[-8:] = struct.pack("<d", 0.1)
     assert Inbox(TORQUE_COMMAND).read(bytes(data)).values == (0.0, 0.0, 0.1)
+    data[-40:-32] = struct.pack("<d", math.nan)
+    with pytest.raises(RefusedError, match=r"force .*nan.*allowed: finite"):
+        Inbox(TORQUE_COMMAND).read(bytes(data))

@@ -146,10 +146,10 @@ class Codec:
         values = self._pick(struct.unpack_from(f"{order}{self._count}d", data, start))
         return Sample(_stamp(data, order), frame_id, values)
 
-    def has_force(self, data: bytes) -> bool:
-        """True if a message, a wrench that `decode` accepts, has a force that is not zero."""
+    def force(self, data: bytes) -> tuple[float, ...]:
+        """Force of a message, a wrench that `decode` accepts [N]."""
         order, _, start = self._layout(data)
-        return any(struct.unpack_from(f"{order}{self._places[0]}d", data, start))
+        return struct.unpack_from(f"{order}{self._places[0]}d", data, start)
 
     def decode_rows(
         self, rows: NDArray[np.uint8]

@@ -14,12 +14,13 @@
 
 """A node that runs components: it collects their inputs by stamp, steps, publishes the outputs."""
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
 from ppc_attitude.contract.declared import BY_COLUMN, columns_of, components_of
-from ppc_attitude.contract.topics import ATTITUDE, Topic
+from ppc_attitude.contract.topics import ATTITUDE, TRUE_ATTITUDE, Topic
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.runtime.answers import Answers
 from ppc_attitude.runtime.chain import Chain
@@ -31,11 +32,15 @@ from ppc_attitude.science.parameter import Value
 from ppc_attitude.science.stamps import seconds
 from ppc_attitude.simulation.scenario import check_components
 
+_SILENCE = 2.0  # [s] without a true attitude, after which the states of `attitude` count again
+
 
 class ComponentNode(BaseNode):
     """Answers each state with the outputs of its components at that instant.
 
     Components that read nothing depend on time alone, so their answers are sent an instant ahead.
+    They need but the stamps of the states: those of the truth where it is sent, because the world
+    goes on whether or not an estimator does.
     """
 
     _exchanges: tuple[set[str], set[str]] | None = None  # columns read and given, once it runs
@@ -54,8 +59,13 @@ class ComponentNode(BaseNode):
         self.answers = Answers(self._answer, ahead, self._begin_again)
         self._senders = {each.name: self.sender(BY_COLUMN[each.name]) for each in columns}
         self._steps = 0
-        for topic in self._topics:
-            self.listen(topic, partial(self._receive, topic))
+        self._truth_at = -math.inf  # [s] when the last true attitude came
+        if self.chain.inputs:
+            for topic in self._topics:
+                self.listen(topic, partial(self._receive, topic))
+        else:
+            self.listen(ATTITUDE, self._on_state)
+            self.listen(TRUE_ATTITUDE, self._on_true_state)
 
     def new_instant(self, topics: Sequence[Topic]) -> Instant:
         """Return what collects the messages of an instant on the topics that are read."""
@@ -110,6 +120,16 @@ class ComponentNode(BaseNode):
         """Take a message of a topic that is read; step once its instant is complete."""
         for stamp, parts in self._instant.take(topic.column, stamp_ns, values, self.now()):
             self.on_instant(stamp, parts)
+
+    def _on_true_state(self, stamp_ns: int, _: Values) -> None:
+        """Take the stamp of a state that the plant itself sends."""
+        self._truth_at = self.now()
+        self._receive(ATTITUDE, stamp_ns, ())
+
+    def _on_state(self, stamp_ns: int, _: Values) -> None:
+        """Take the stamp of a state, unless the truth tells it."""
+        if self.now() - self._truth_at > _SILENCE:
+            self._receive(ATTITUDE, stamp_ns, ())
 
     def on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
         """Answer a complete instant [ns]; the parts are its messages by column."""

@@ -51,7 +51,9 @@ from ppc_attitude.science.component import (
 from ppc_attitude.science.parameter import Value
 
 Take = Callable[..., None]  # (message, about): rclpy gives the second, its type hints lack it
-_NO_RATE = (0.0, 0.0, 0.0, -1.0)  # REP 145: a variance of −1 says that there is no rate
+# A sensor without a measurement: a first variance of −1 says so, as sensor_msgs/Imu defines it.
+_NOTHING = {GYRO: (0.0, 0.0, 0.0, -1.0), FIX: (0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0)}
+_NO_FORCE = bytes(24)  # as the numbers of a wrench begin, whose end is the torque
 
 
 def message_class(msgtype: str) -> Any:
@@ -101,12 +103,20 @@ class Inbox:
             raise self._refusal(error) from None
         stamp_ns, frame_id, values = sample
         form = self._topic.form
-        if form == WRENCH and not any(values) and self._codec.has_force(data):
-            raise self._refusal("force without a torque; allowed: a torque, as forces are not used")
+        if form == WRENCH and data[-48:-24] != _NO_FORCE:
+            force = self._codec.force(data)
+            if any(force) and not any(values):
+                told = "force without a torque; allowed: a torque, as forces are not used"
+                raise self._refusal(told)
+            if not finite(force):
+                raise self._refusal(f"force {force}; allowed: finite numbers")
         if frame_id not in self._frames:
             raise self._refusal(f"frame_id {frame_id!r}; allowed: {self._topic.frame_id!r}")
         if stamp_ns < 0:
             raise self._refusal(f"stamp {stamp_ns} ns; allowed: ≥ 0")
+        nothing = _NOTHING.get(form, ())
+        if nothing and values[nothing.index(-1.0)] == -1.0:
+            return Sample(stamp_ns, frame_id, nothing)
         if not finite(values):
             raise self._refusal(f"{values}; allowed: finite numbers")
         if self._topic.name == ATTITUDE.name and not any(values):
@@ -115,12 +125,13 @@ class Inbox:
             return Sample(stamp_ns, frame_id, self._unit(values))
         if form == FIX and any(values[:4]):
             if min(values[4:]) < 0.0 or max(values[4:]) > FIX_VARIANCE:
-                raise self._refusal(f"variances {values[4:]} rad² of a fix; allowed: 0 to π²")
+                told = "allowed: 0 to π², or −1 first, which says that there is no fix"
+                raise self._refusal(f"variances {values[4:]} rad² of a fix; {told}")
             return Sample(stamp_ns, frame_id, (*self._unit(values[:4]), *values[4:]))
-        if form == GYRO and values != _NO_RATE and not 0.0 <= values[3] <= GYRO_VARIANCE:
+        if form == GYRO and not 0.0 <= values[3] <= GYRO_VARIANCE:
             raise self._refusal(
-                f"variance {values[3]} (rad/s)²; allowed: 0 to {GYRO_VARIANCE:g}, or −1 with a "
-                "rate of zero, which says that there is no rate"
+                f"variance {values[3]} (rad/s)²; allowed: 0 to {GYRO_VARIANCE:g}, or −1, which "
+                "says that there is no rate"
             )
         if max(map(abs, values)) > LARGEST:
             unit = self._topic.unit
