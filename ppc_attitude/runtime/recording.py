@@ -29,11 +29,12 @@ from math import inf
 from statistics import median_low
 
 from ppc_attitude.contract.run_record import STEADY
-from ppc_attitude.contract.topics import ATTITUDE
+from ppc_attitude.contract.topics import ATTITUDE, TRUE_ATTITUDE
 from ppc_attitude.runtime.publishers import Publishers
 from ppc_attitude.science.stamps import seconds
 
 _LEAD = ATTITUDE.name
+_TRUTH = TRUE_ATTITUDE.name  # goes on where an estimator, which may give the states, stops
 _MOST_AHEAD = 200_000  # messages that may wait for their states: what publishers keep, and more
 _EVERY = 100  # states between two reports of how far the record has come
 _REMEMBERED = 50_000  # states: a reader keeps as many messages, which may come after their states
@@ -154,7 +155,7 @@ class Recording:
         self._waiting = 0  # how many messages those are
         self._end = inf  # the last state [ns], once it is known
         self._heard = inf  # when the first message came, by the wall clock [s]
-        self._latest: dict[int, None] = {}  # stamps [ns] of the latest states, in their order
+        self._latest: dict[int, None] = {}  # stamps [ns] of the latest states, and of the truth
         self._unreported = 0
         self._begun = False  # what is awaited has come since time began
         self._with_state: dict[str, bytes] = {}  # the latest of each topic
@@ -212,6 +213,8 @@ class Recording:
         ):
             self._take_back(name, lane)
         lane.heard = stamp_ns
+        if name == _TRUTH and lane.epoch == self._states.epoch:
+            self._remember(stamp_ns)
         epoch, present = lane.epoch, lane.stretches[-1]
         if (stamp_ns, data) in (present.last, present.before):
             if name == _LEAD:  # a plant that repeats a state waits, maybe for this record alone
@@ -257,6 +260,12 @@ class Recording:
         oldest = next(iter(self._latest), 0)
         return epoch < self._states.epoch or stamp_ns < oldest or stamp_ns in self._latest
 
+    def _remember(self, stamp_ns: int) -> None:
+        """Remember that an instant is a state's."""
+        self._latest[stamp_ns] = None
+        if len(self._latest) > _REMEMBERED:
+            del self._latest[next(iter(self._latest))]
+
     def _wait(self, name: str, epoch: int, stamp_ns: int, data: bytes, ahead: bool) -> None:
         instant = epoch, stamp_ns
         if instant not in self._ahead:
@@ -277,9 +286,7 @@ class Recording:
         if stamp_ns:  # at zero the time before may still go on, and what waits is part of it
             self._pass(present, joins=is_first and now < self._heard + _JOINS)
         self._unreported += 1
-        self._latest[stamp_ns] = None
-        if len(self._latest) > _REMEMBERED:
-            del self._latest[next(iter(self._latest))]
+        self._remember(stamp_ns)
         for name, data, _ in self._ahead.pop(present, ()):
             self._waiting -= 1
             self._keep(name, *present, data)
@@ -287,13 +294,13 @@ class Recording:
     def _pass(self, until: tuple[int, float], joins: bool = False) -> None:
         """Write what was sent at instants whose states have not come, unless the recorder `joins`.
 
-        What was sent ahead of them is dropped.
+        What was sent ahead of them is dropped, unless the truth has them.
         """
         while self._instants and self._instants[0] < until:
             first = heappop(self._instants)
             for name, data, ahead in self._ahead.pop(first, ()):
                 self._waiting -= 1
-                if first[0] == until[0] and not (ahead or joins):
+                if first[0] == until[0] and not (joins or (ahead and first[1] not in self._latest)):
                     self._keep(name, *first, data)
 
     def _keep(self, name: str, epoch: int, stamp_ns: int, data: bytes) -> None:
