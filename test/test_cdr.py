@@ -19,12 +19,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bag_helpers import TYPES, header, imu, serialised
+from bag_helpers import TYPES, header, imu, serialised, vector
 
 from ppc_attitude.contract.carriers import carriers, decode_rows
 from ppc_attitude.contract.cdr import CdrError, Codec
 from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.topics import ATTITUDE
+from ppc_attitude.nodes.messages import Inbox
 
 STAMP = 12_345_678_901_234
 
@@ -75,6 +76,30 @@ def test_what_sensors_and_filters_say_is_an_imu(column: str, little: bool) -> No
     assert readable.all()
     assert stamps.tolist() == [STAMP + k for k in range(5)]
     assert values.tolist() == rows
+
+
+def test_a_field_and_a_position_are_messages_that_drivers_and_displays_know() -> None:
+    numbers, place = (1.5, -2.0, 6.8e6), TYPES["geometry_msgs/msg/Point"]
+    point, field = BY_COLUMN["orbit_position"], BY_COLUMN["magnetic_field"]
+
+    def magnetic(covariance: float) -> bytes:
+        head = header(STAMP, field.frame_id)
+        known = np.full(9, covariance)
+        return serialised(TYPES["sensor_msgs/msg/MagneticField"](head, vector(numbers), known))
+
+    stamped = TYPES["geometry_msgs/msg/PointStamped"](
+        header(STAMP, point.frame_id), place(*numbers)
+    )
+    assert Codec(point).encode(STAMP, numbers) == serialised(stamped)
+    assert Codec(field).encode(STAMP, numbers) == magnetic(0.0)
+    assert Codec(field).decode(magnetic(0.25)).values == numbers  # a magnetometer knows it
+    assert Inbox(point).read(serialised(stamped)).values == numbers  # no rate is as large
+    older = TYPES["geometry_msgs/msg/Vector3Stamped"](header(STAMP, "body"), vector(numbers))
+    row = np.frombuffer(serialised(older), np.uint8)[None]
+    for topic in (point, field):  # as they were in bags of earlier commits
+        *_, values, readable = decode_rows(topic, older.__msgtype__, row)
+        assert readable.all()
+        assert values.tolist() == [[*numbers]]
 
 
 # Part, how many, and which list of position, velocity and effort.

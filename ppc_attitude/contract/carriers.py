@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ppc_attitude.contract.cdr import CdrError, Codec, byte_order, stamped_layout, stamps_of_rows
 from ppc_attitude.contract.topics import MSGTYPES, Topic
-from ppc_attitude.science.component import GYRO, QUATERNION, VECTOR, WRENCH
+from ppc_attitude.science.component import GYRO, MAGNETIC, POINT, QUATERNION, VECTOR, WRENCH
 
 Rows = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]
 
@@ -55,6 +55,8 @@ _OTHERS = {
         MSGTYPES[WRENCH]: _Layout(6, 3),
         _IMU: _Layout(37, 13, 16),
     },
+    POINT: {MSGTYPES[VECTOR]: _Layout(3, 0)},
+    MAGNETIC: {MSGTYPES[VECTOR]: _Layout(3, 0)},
     WRENCH: {
         _GEOMETRY + "Vector3": _Layout(3, 0),
         _GEOMETRY + "Wrench": _Layout(6, 3),

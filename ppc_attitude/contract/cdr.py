@@ -39,7 +39,9 @@ from ppc_attitude.science.component import (
     FIX,
     GYRO,
     JOINTS,
+    MAGNETIC,
     MOTION,
+    POINT,
     QUATERNION,
     VECTOR,
     WRENCH,
@@ -60,6 +62,8 @@ _LAYOUTS = {
     QUATERNION: "abcd",
     VECTOR: "abc",
     WRENCH: "ooo" + "abc",
+    POINT: "abc",
+    MAGNETIC: "abc" + "ooooooooo",  # its covariance is not known
     GYRO: "oooo" + _NONE + "abc" + "dooodoood" + _NO_ACCELERATION,
     FIX: "abcd" + "eooofooog" + "ooo" + _NONE + _NO_ACCELERATION,
     MOTION: "abcd" + "efgfhigij" + "klm" + "npqprsqst" + _NO_ACCELERATION,

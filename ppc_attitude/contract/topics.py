@@ -28,7 +28,9 @@ from ppc_attitude.science.component import (
     GYRO,
     INERTIAL,
     JOINTS,
+    MAGNETIC,
     MOTION,
+    POINT,
     QUATERNION,
     VECTOR,
     WRENCH,
@@ -51,6 +53,8 @@ MSGTYPES = {
     QUATERNION: "geometry_msgs/msg/QuaternionStamped",
     VECTOR: "geometry_msgs/msg/Vector3Stamped",
     WRENCH: "geometry_msgs/msg/WrenchStamped",
+    POINT: "geometry_msgs/msg/PointStamped",
+    MAGNETIC: "sensor_msgs/msg/MagneticField",
     **dict.fromkeys((GYRO, FIX, MOTION), "sensor_msgs/msg/Imu"),
     **dict.fromkeys(JOINTS, "sensor_msgs/msg/JointState"),
 }

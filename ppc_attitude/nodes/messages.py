@@ -48,11 +48,13 @@ from ppc_attitude.science.component import (
     WRENCH,
     norm_of,
 )
+from ppc_attitude.science.parameter import LARGEST as LARGEST_OF_OTHERS
 from ppc_attitude.science.parameter import Value
 
 Take = Callable[..., None]  # (message, about): rclpy gives the second, its type hints lack it
 # A sensor without a measurement: a first variance of −1 says so, as sensor_msgs/Imu defines it.
 _NOTHING = {GYRO: (0.0, 0.0, 0.0, -1.0), FIX: (0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0)}
+_OF_MOTION = ("rad/s", "rad/s²", "N·m")
 _NO_FORCE = bytes(24)  # as the numbers of a wrench begin, whose end is the torque
 
 
@@ -86,6 +88,7 @@ class Inbox:
         self._topic = topic
         self._codec = Codec(topic)
         self._frames = {topic.frame_id} if topic.source else {topic.frame_id, ""}
+        self._largest = LARGEST if topic.unit in _OF_MOTION else LARGEST_OF_OTHERS
 
     def read(self, data: bytes) -> Sample:
         """Checked sample; a quaternion is normalised.
@@ -133,9 +136,9 @@ class Inbox:
                 f"variance {values[3]} (rad/s)²; allowed: 0 to {GYRO_VARIANCE:g}, or −1, which "
                 "says that there is no rate"
             )
-        if max(map(abs, values)) > LARGEST:
-            unit = self._topic.unit
-            raise self._refusal(f"{values} {unit}; allowed: magnitudes up to {LARGEST:g}")
+        if max(map(abs, values)) > self._largest:
+            told = f"{values} {self._topic.unit}; allowed: magnitudes up to {self._largest:g}"
+            raise self._refusal(told)
         return sample
 
     def _unit(self, values: tuple[float, ...]) -> tuple[float, ...]:

@@ -38,6 +38,7 @@ from ppc_attitude.science.parameter import Parameter, filled, record_type
 
 INERTIAL, BODY, DESIRED, STAR_TRACKER = "inertial", "body", "desired", "star_tracker"
 QUATERNION, VECTOR, WRENCH = "quaternion", "vector", "wrench"
+POINT, MAGNETIC = "point", "magnetic"
 GYRO, FIX, MOTION = "gyro", "fix", "motion"
 WHEEL_SPEEDS, WHEEL_TORQUES, ON_TIMES = "wheel_speeds", "wheel_torques", "on_times"
 MAX_WHEELS, MAX_THRUSTERS = 8, 16
@@ -86,6 +87,8 @@ _WIDTHS = {
     QUATERNION: (4,),
     VECTOR: (1, 2, 3),
     WRENCH: (3,),
+    POINT: (3,),
+    MAGNETIC: (3,),
     GYRO: (4,),
     FIX: (7,),
     MOTION: (19,),
@@ -105,10 +108,10 @@ class Column:
         Relative name of the topic that carries it.
     form : str
         How it goes over the wire: ``quaternion`` (x y z w), ``vector`` (up to three numbers),
-        ``wrench`` (a torque), ``gyro`` (a rate and the variance of each of its numbers), ``fix``
-        (x y z w and the variances about three axes), ``motion`` (x y z w, the upper triangle of
-        its covariance, a rate, the upper triangle of its covariance), or one of `JOINTS` (a number
-        for each part of a sort).
+        ``wrench`` (a torque), ``point`` (a position), ``magnetic`` (a field), ``gyro`` (a rate and
+        the variance of each of its numbers), ``fix`` (x y z w and the variances about three axes),
+        ``motion`` (x y z w, the upper triangle of its covariance, a rate, the upper triangle of its
+        covariance), or one of `JOINTS` (a number for each part of a sort).
     frame : str
         Frame in which the numbers are expressed.
     unit : str

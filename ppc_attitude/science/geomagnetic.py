@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.science.component import BODY, VECTOR, Column
+from ppc_attitude.science.component import BODY, MAGNETIC, Column
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import Vector, divide, dot, kernel, scale
 from ppc_attitude.science.orbit import ORBIT
@@ -50,7 +50,7 @@ MODEL = Parameter(
 )
 PARAMETERS = (*ORBIT_PARAMETERS, MODEL)
 MAGNETIC_FIELD = Column(
-    "magnetic_field", "magnetic_field", VECTOR, BODY, "T", "Earth's magnetic field at the craft"
+    "magnetic_field", "magnetic_field", MAGNETIC, BODY, "T", "Earth's magnetic field at the craft"
 )
 FIELD = record_type(
     ("degree", np.int64),

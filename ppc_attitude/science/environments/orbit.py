@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.attitude import to_body
-from ppc_attitude.science.component import INERTIAL, VECTOR, Column, Component
+from ppc_attitude.science.component import INERTIAL, POINT, VECTOR, Column, Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.geomagnetic import ORBIT_FIELD, largest_field, magnetic_field, orbit_field
 from ppc_attitude.science.geomagnetic import PARAMETERS as FIELD_PARAMETERS
@@ -103,7 +103,7 @@ SCALE_HEIGHT = Parameter(
 ORBIT_POSITION = Column(
     "orbit_position",
     "orbit/position",
-    VECTOR,
+    POINT,
     INERTIAL,
     "m",
     "position of the craft from Earth's centre",
