@@ -165,7 +165,8 @@ def profile(*points: list[float]) -> dict[str, Any]:
         pytest.param(
             *ring(),
             # z turns about x, over the cone that stands at −y.
-            "no path to the goal avoids all keep-out cones; the direct one crosses keep-out cone 6",
+            "no path to the goal is found that avoids all keep-out cones; the direct one crosses "
+            "keep-out cone 6",
             id="closed",
         ),
         pytest.param(

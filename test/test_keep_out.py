@@ -37,7 +37,7 @@ from ppc_attitude.science.keep_out import (
     rest_to_rest,
     route,
 )
-from ppc_attitude.science.kernel import Quaternion, kernel
+from ppc_attitude.science.kernel import STRAIGHT, Quaternion, kernel
 
 LIMITS = guidance()["limits"]
 SCENES = scenes()
@@ -179,6 +179,19 @@ def test_of_two_ways_that_are_mirrored_rounding_takes_none() -> None:
         near = [q + 1e-16 * rng.standard_normal(q.shape) for q in (start, goal, middle)]
         other = planned(near[0], near[1], record, near[2])
         assert other.attitudes == pytest.approx(plan.attitudes, abs=1e-12)
+
+
+def test_a_narrow_corridor_is_gone_through() -> None:
+    """One body axis may only move between two cones; the direct turn within would cross another."""
+    x, z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+    for half_width, goal_deg in ((1.0, 120.0), (1.5, 75.0), (2.4, 145.0)):
+        middle, goal = (about(z, f * DEGREE * goal_deg) for f in (0.5, 1.0))
+        wide = DEGREE * (90.0 - half_width)
+        record = cones([x, x, x], [wide, wide, 5.0 * DEGREE])
+        directions = np.array([z, (0.0, 0.0, -1.0), rotate(middle, x)])
+        plan = planned(STRAIGHT, goal, record, directions)
+        assert plan.outcome == FOUND
+        assert_leads_there(plan, STRAIGHT, goal, record, directions)
 
 
 def random_scene(seed: int) -> tuple[Array, Array, Any, Array]:

@@ -57,10 +57,12 @@ FOUND, GOAL_INSIDE, NO_WAY = range(3)  # outcomes of planning
 
 _STOP_MARGIN = math.radians(0.5)
 _TIE = 1e-9  # share by which a way must be shorter to count as such: less may be rounding
-_DISTANCES = (math.radians(3.0), math.radians(25.0))  # of stops beyond a cone's half angle
+# Of stops beyond a cone's half angle; the last one only where the others lead to no goal, such as
+# between two cones that leave 4° to a body axis.
+_DISTANCES = (math.radians(3.0), math.radians(25.0), math.radians(0.75))
 _BEARINGS = 12
 _ROLLS = 4
-_EACH = len(_DISTANCES) * _BEARINGS * 2 * _ROLLS  # stops beside each cone, at most
+_EACH = _BEARINGS * 2 * _ROLLS  # stops at each distance beside each cone, at most
 _HALF_TURN = math.pi - 1e-11  # [rad] from here on a turn may as well go the other way round
 _ROUNDING = 1e-12  # [rad]
 
@@ -159,20 +161,21 @@ def _smallest_turn(a: Vector, b: Vector) -> Quaternion:
 
 
 @kernel
-def _stops(start: Quaternion, goal: Quaternion, cones: Any, directions: Any) -> Any:
+def _stops(start: Quaternion, goal: Quaternion, cones: Any, directions: Any, distances: int) -> Any:
     """Attitudes beside the cones that are clear of all of them, and last the goal; first the start.
 
-    Order: cone, distance, bearing, turned from start or goal, roll about the body axis.
+    They are at the first so many distances. Order: cone, distance, bearing, turned from start or
+    goal, roll about the body axis.
     """
-    nodes = np.empty((_EACH * cones.count + 2, 4))
+    nodes = np.empty((distances * _EACH * cones.count + 2, 4))
     store_quaternion(nodes[0], start)
     count = 1
     for i in range(cones.count):
         s = vector(directions[i])
         u = perpendicular(s)
         v = cross(s, u)
-        for beyond in _DISTANCES:
-            angle = cones.half_angle[i] + beyond
+        for j in range(distances):
+            angle = cones.half_angle[i] + _DISTANCES[j]
             for k in range(_BEARINGS):
                 bearing = 2.0 * math.pi * k / _BEARINGS
                 across = add(scale(math.cos(bearing), u), scale(math.sin(bearing), v))
@@ -293,11 +296,15 @@ def route(
     nodes = np.empty((2, 4))
     store_quaternion(nodes[0], start)
     store_quaternion(nodes[1], goal)
-    root = 0
     previous = np.zeros(2, np.int64)
     axis, angle = turn_between(start, goal)
+    distances = len(_DISTANCES) - 1
     if inside or _clear_axis(start, axis, angle, cones, directions, NO_CONE) == 0:
-        nodes = _stops(start, goal, cones, directions)
+        previous[-1] = -1
+    while previous[-1] < 0 and distances <= len(_DISTANCES):
+        nodes = _stops(start, goal, cones, directions, distances)
+        distances += 1
+        root = 0
         tried = np.zeros(len(nodes), np.bool_)
         tried[0] = inside != 0
         previous = np.full(len(nodes), -1)
@@ -305,12 +312,14 @@ def route(
             if inside:
                 root = _way_out(nodes, tried, cones, directions, inside)
             if tried[root]:
-                return NO_WAY, attitudes, axes, angles
+                break
             previous = _search(nodes, root, cones, directions, limits)
             previous[root] = 0
             # The goal was not reached from these: none need be tried as a way out again.
             for i in range(len(nodes)):
                 tried[i] |= previous[i] >= 0
+    if previous[-1] < 0:
+        return NO_WAY, attitudes, axes, angles
     count, i = 0, len(nodes) - 1
     while i != 0:
         count, i = count + 1, previous[i]

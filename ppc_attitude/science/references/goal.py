@@ -141,7 +141,8 @@ SPIN_RATE = Parameter(
 _REASONS = {
     INSIDE_CONE: "the goal is inside keep-out cone {cone}, {measured:.2f}° from its direction; "
     "allowed: at least {allowed:.2f}°",
-    NO_WAY: "no path to the goal avoids all keep-out cones; the direct one crosses {barred}",
+    NO_WAY: "no path to the goal is found that avoids all keep-out cones; the direct one crosses "
+    "{barred}",
     CROSSES: "the path to the goal crosses keep-out cone {cone} at t = {measured:.1f} s; try "
     "another time or another path",
     NO_SLEW: "no slew to the goal is found that keeps guidance.max_rate = {allowed:.6g} rad/s "
