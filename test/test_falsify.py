@@ -109,6 +109,13 @@ def test_a_folder_of_another_search_is_refused(tmp_path: Path) -> None:
         search(space_of(duration=3.0), tmp_path, 20)
 
 
+def test_what_nothing_selected_has_is_no_part_of_a_search() -> None:
+    """Installing a package whose parts are not used ends no search."""
+    told = space_of(duration=2.0).to_json()["parameters"][PLANT]
+    assert {"duration", "max_torque", "plant"} <= told.keys()
+    assert not any(name.startswith(("wheels.", "thrusters.", "gyro.")) for name in told)
+
+
 def test_answers_of_a_law_that_was_changed_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

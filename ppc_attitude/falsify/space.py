@@ -164,4 +164,4 @@ class Space:
     def to_json(self) -> Mapping[str, Any]:
         """Say what the space is, for a file that is to be continued in the same one."""
         numbers = ("rate", "disturbance", "pieces", "e_S", "eta", "duration", "begin", "late")
-        return {"parameters": self.base.parameters} | {n: getattr(self, n) for n in numbers}
+        return {"parameters": self.base.used} | {n: getattr(self, n) for n in numbers}

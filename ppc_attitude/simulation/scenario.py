@@ -65,6 +65,19 @@ class Scenario:
         """The selected control law."""
         return components_of(CONTROLLER, self.parameters[CONTROLLER])[0]
 
+    @property
+    def used(self) -> dict[str, dict[str, Any]]:
+        """The parameters that a node or a selected component of it has."""
+        names: dict[str, set[str]] = {}
+        for node, values in self.parameters.items():
+            own = {parameter.name for parameter in OWN[node]}
+            selectors = {kind.selector for kind in HOSTED.get(node, ())}
+            names[node] = own.union(selectors, *(e.defaults for e in components_of(node, values)))
+        return {
+            node: {name: value for name, value in values.items() if name in names[node]}
+            for node, values in self.parameters.items()
+        }
+
     def number(self, node: str, name: str) -> float:
         """Value of a parameter that is a number."""
         return float(self.parameters[node][name])
@@ -314,18 +327,14 @@ def idle_parameters(paths: Sequence[Path | str], found: Scenario) -> list[str]:
 
     Those of laws are left out: one file may have the numbers of several, of which one is selected.
     """
-    values = found.parameters
-    used = {kind.selector for kinds in HOSTED.values() for kind in kinds}
-    for node in PARAMETERS:
-        used |= {parameter.name for parameter in OWN[node]}
-        used.update(*(each.defaults for each in components_of(node, values[node])))
+    used = set().union(*found.used.values())
     return sorted(
         {
             parameter.name
             for node, chosen in read_files(paths).items()
             for parameter in PARAMETERS[node]
             if node != CONTROLLER and parameter.name in chosen.keys() - used
-            if values[node][parameter.name] != parameter.default
+            if found.parameters[node][parameter.name] != parameter.default
         }
     )
 
