@@ -18,21 +18,25 @@ import math
 from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
 from craft_helpers import configs, guaranteed
 from test_guarantee import complete, values_of
 
+from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.command_line.guarantee_view import (
     promise_lines,
     time_text,
 )
 from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
+from ppc_attitude.science.attitude import product
 from ppc_attitude.science.guarantee import design
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import (
     Assumptions,
     Law,
     assumptions_of,
+    law_of,
     parameters_of,
 )
 from ppc_attitude.science.guarantee.bounds import Bounds
@@ -41,6 +45,7 @@ from ppc_attitude.science.guarantee.certificate import Certificate, Promise, cer
 from ppc_attitude.science.guarantee.design import Wishes, designed
 from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.guarantee.fixed_point import InfeasibleError, tuned
+from ppc_attitude.science.guidance.rotation import about
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
 
@@ -133,6 +138,9 @@ def test_a_refusal_shows_numbers_that_fail(share: float) -> None:
     assert refusal.value.failing.room < 0.0
 
 
+OMEGA_D = math.radians(0.7072)  # ‖ω_d(0)‖ of the paper's reference, for a craft at rest
+
+
 @cache
 def noisy() -> tuple[Assumptions, Law]:
     """A law for the paper's craft, whose rate is measured to 5e-4 rad/s."""
@@ -166,6 +174,45 @@ def test_a_stop_lasts_no_longer_than_what_the_law_is_told_allows() -> None:
     exact = Bounds(replace(assumed, e_A=0.0, e_W=0.0), law, FLOATS, COARSE)
     noise = [x / row for x, row in zip(bounds.torque_noise, bounds.body.row, strict=True)]
     assert min(noise) <= exact.reserve - bounds.reserve <= max(noise)
+
+
+@cache
+def envelope_of(name: str) -> Envelope:
+    values = load(configs("paper", name)).parameters[CONTROLLER]
+    return Envelope(Bounds(assumptions_of(values), law_of(values), FLOATS))
+
+
+@pytest.mark.parametrize(
+    ("name", "time"),
+    [("guaranteed_sharp", 23.2), ("guaranteed", 23.8), ("guaranteed_quiet", 25.7)],
+)
+def test_the_papers_start_settles_when_an_independent_prototype_promised(
+    name: str, time: float
+) -> None:
+    promised = envelope_of(name).settling(OMEGA_D, 5e-3, math.radians(42.714))
+    assert promised == pytest.approx(time, abs=0.2)
+
+
+def test_a_smaller_turn_takes_no_longer_and_half_a_turn_what_every_attitude_does() -> None:
+    for name in ("guaranteed", "guaranteed_ahead"):  # the second may go the other way round
+        envelope = envelope_of(name)
+        turns = np.radians([0.0, 1.0, 20.0, 60.0, 120.0, 140.0, 150.0, 170.0, 180.0])
+        times = [envelope.settling(OMEGA_D, 5e-3, turn) for turn in turns]
+        assert times == sorted(times)
+        assert times[0] < 10.0
+        assert times[-1] == envelope.settling(OMEGA_D, 5e-3)
+
+
+@pytest.mark.parametrize("turn", [3.0, 30.0, 80.0, 130.0, 179.0])
+def test_a_start_settles_as_soon_as_is_promised_for_its_turn(turn: float) -> None:
+    """Judged by the motion: about five axes each, with the paper's environment and reference."""
+    scenario = load(configs("paper", "guaranteed"))
+    q_d = scenario.parameters[REFERENCE]["initial_attitude"]
+    promised = envelope_of("guaranteed").settling(OMEGA_D, 5e-3, math.radians(turn))
+    for axis in np.random.default_rng(5).normal(size=(5, 3)):
+        q_s = product(tuple(q_d), about(tuple(axis / np.linalg.norm(axis)), math.radians(turn)))
+        record = simulate(scenario.with_values(PLANT, initial_attitude=[*q_s]), 100.0)
+        assert record.t[pointing_errors(record).sizes >= 5e-3][-1] < promised
 
 
 def test_what_is_promised_is_told_as_no_more_than_is_proved() -> None:

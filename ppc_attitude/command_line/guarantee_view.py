@@ -54,6 +54,7 @@ from ppc_attitude.science.sensors.gyro_star_tracker import INITIAL_FIX
 from ppc_attitude.simulation.scenario import Scenario
 
 _PROMISED = ("rate", "time")
+_ROUNDING = 1e-12  # relative, of numbers that were computed with plain floats
 _SIDES = ("left", "right")
 
 
@@ -173,6 +174,35 @@ class Judgement:
         if digest and digest != self.certificate.digest:
             self.doubts.append(f"{CERTIFICATE.name} is the digest of other parameter values")
 
+    def of_start(self, turn: float, rate: float) -> list[str]:
+        """Say from when on the craft is settled after the scenario's own start.
+
+        Nothing is said where the certificate does not hold, the law begins later than the craft,
+        or the start is faster than any that it is for.
+
+        Parameters
+        ----------
+        turn : float
+            Angle of the error [rad].
+        rate : float
+            ‖ω_e‖ [rad/s].
+        """
+        if not self.holds or not self._scenario.parameters[PLANT].get(INITIAL_FIX.name, True):
+            return []
+        envelope, accuracy = self._envelope(), self.certificate.accuracy
+        try:
+            time = envelope.settling((1.0 + _ROUNDING) * rate, accuracy, (1.0 + _ROUNDING) * turn)
+        except ValueError:
+            return []
+        return [
+            f"guaranteed: |q_ev,i| < {accuracy:g} from t = {time_text(time)} s on, for this start: "
+            f"{math.degrees(turn):.2f}° from the reference, turning at "
+            f"{math.degrees(rate):.3g} deg/s relative to it"
+        ]
+
+    def _envelope(self) -> Envelope:
+        return Envelope(Bounds(self._assumed, self._law, balls()))
+
     def of_hit(self, torque: float, duration: float) -> str:
         """Say when a settled craft has recovered from a hit.
 
@@ -188,8 +218,7 @@ class Judgement:
                 "--hit: the gyro gives the mean rate of a step, which a hit makes lag by more than "
                 f"e_W = {self._assumed.e_W:.4g} rad/s, so no recovery is guaranteed"
             )
-        envelope = Envelope(Bounds(self._assumed, self._law, balls()))
-        time = envelope.recovery(torque, duration, self.certificate.accuracy)
+        time = self._envelope().recovery(torque, duration, self.certificate.accuracy)
         return (
             f"guaranteed: |q_ev,i| < {self.certificate.accuracy:g} again {time_text(time)} s after "
             f"the start of a hit whose largest component is {torque:g} N·m, for {duration:g} s"

@@ -24,6 +24,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from ppc_attitude.analysis.requirements import load_requirements
 from ppc_attitude.command_line.environment_load import environment_torque, wheel_conditions
 from ppc_attitude.command_line.guarantee_view import Judgement
@@ -44,10 +46,12 @@ from ppc_attitude.contract.topics import (
     ESTIMATOR,
     PLANT,
     REFERENCE_ATTITUDE,
+    REFERENCE_RATE,
     TRUE_ATTITUDE,
+    TRUE_RATE,
 )
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
-from ppc_attitude.science.attitude import attitude_error
+from ppc_attitude.science.attitude import attitude_error, rotation_angle, to_body
 from ppc_attitude.science.conditions import Condition
 from ppc_attitude.science.controllers.tube_parameters import LAWS
 from ppc_attitude.science.errors import ConfigurationError
@@ -114,10 +118,11 @@ def execute(arguments: argparse.Namespace) -> int:
     guarantee = Judgement(scenario, arguments.config) if certified else None
     parts = stoppable(lambda: _at_start(scenario))
     law = parts[CONTROLLERS.name]
-    told, desired = (_given(parts, each) for each in (ATTITUDE.column, REFERENCE_ATTITUDE.column))
-    if not told.any():
-        told = _given(parts, TRUE_ATTITUDE.column)
-    q_e = attitude_error(tuple(told.tolist()), tuple(desired.tolist()))
+    told, true, desired = (
+        tuple(_given(parts, each.column).tolist())
+        for each in (ATTITUDE, TRUE_ATTITUDE, REFERENCE_ATTITUDE)
+    )
+    q_e = attitude_error(told if any(told) else true, desired)
     surroundings = parts[ENVIRONMENTS.name]
     environment = stoppable(lambda: environment_torque(scenario, surroundings))
     reference = parts[REFERENCES.name]
@@ -129,7 +134,12 @@ def execute(arguments: argparse.Namespace) -> int:
         *_goal_conditions(goals),
     )
     idle = idle_parameters(arguments.config, scenario)
-    known = []
+    own, known = list[str](), list[str]()
+    if guarantee:
+        error = attitude_error(true, desired)
+        omega_s, omega_d = (_given(parts, each.column) for each in (TRUE_RATE, REFERENCE_RATE))
+        omega_e = omega_s - to_body(tuple(omega_d.tolist()), error[:3], error[3])
+        own = guarantee.of_start(rotation_angle(error), float(np.linalg.norm(omega_e)))
     if guarantee and arguments.known_reference:
         promised = (each.rate for each in guarantee.certificate.promises)
         known = guarantee.of_reference([x for x in promised if x <= _LARGEST_KNOWN_RATE])
@@ -142,6 +152,7 @@ def execute(arguments: argparse.Namespace) -> int:
                 "doubts": guarantee.doubts,
                 "broken_assumptions": guarantee.broken,
                 "suspensions": guarantee.suspensions,
+                "own_start": own,
                 "known_reference": known,
                 "hits": hits,
                 **asdict(guarantee.certificate),
@@ -155,7 +166,7 @@ def execute(arguments: argparse.Namespace) -> int:
             advices.append(Advice(text, warning=True))
         _print(scenario, conditions, q_e, advices)
         if guarantee:
-            print("\n".join(["", *guarantee.lines(), *map(paragraph, (*known, *hits))]))
+            print("\n".join(["", *guarantee.lines(), *map(paragraph, (*own, *known, *hits))]))
     holds = all(each.holds for each in conditions if each.necessary)
     return DONE if holds and (not guarantee or guarantee.holds) else REQUIREMENT_FAILED
 

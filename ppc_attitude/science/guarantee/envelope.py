@@ -79,8 +79,8 @@ class Envelope:
         """Final bound of |q_ev,i| for any disturbance within its bound: z̄/(2k)."""
         return self._arithmetic.outward(self._z / (2 * self._k))[1]
 
-    def settling(self, rate: float, accuracy: float) -> float:
-        """Guaranteed settling time [s] for every attitude.
+    def settling(self, rate: float, accuracy: float, turn: float = math.pi) -> float:
+        """Guaranteed settling time [s], by default for every attitude.
 
         Parameters
         ----------
@@ -88,6 +88,8 @@ class Envelope:
             Largest ‖ω_e‖ at the event [rad/s].
         accuracy : float
             Settled means |q_ev,i| < accuracy.
+        turn : float
+            Largest angle of the error at the event, the short way round [rad].
 
         Raises
         ------
@@ -105,12 +107,15 @@ class Envelope:
                 f"a rate error of {rate:g} rad/s may, with its estimation error, be larger than "
                 f"omega0 = {self._law.omega0:g} rad/s"
             )
-        half_turn = self._arithmetic.pi + number(self._assumed.lead)
-        if not told <= number(self._law.w_far):
+        lead, far = number(self._assumed.lead), number(self._law.far)
+        # Only an error that is told to be nearly half a turn may be turned the other way round.
+        is_short = bool(number(turn) + self._e_A < self._arithmetic.pi - lead)
+        phi = number(turn) if is_short else self._arithmetic.pi + lead
+        if not told <= number(self._law.w_far) or bool(phi + self._e_A < far):
             # It covers starts that cruise: from the same turn they are no later, because σ ≥ r V.
-            return self.near_time(half_turn, told, accuracy)
-        near = self.near_time(number(self._law.far), told, accuracy)
-        return max(self.far_time(half_turn, told, accuracy), near)
+            return self.near_time(phi, told, accuracy)
+        near = self.near_time(far, told, accuracy)
+        return max(self.far_time(phi, told, accuracy), near)
 
     def near_time(
         self, phi: Number, rate: Number, accuracy: float, stop: Number | None = None
