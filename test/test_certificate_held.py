@@ -67,6 +67,18 @@ def test_a_run_within_the_assumptions_holds() -> None:
     assert (held.reason, held.note, held.outside.any()) == ("", "", False)
 
 
+def test_of_a_run_whose_samples_are_all_late_nothing_is_judged() -> None:
+    """As with a driver at half the rate; the first instant, which has no step, counted as kept."""
+    whole = record_of("guaranteed")
+    halved = replace(
+        whole,
+        stamps_ns=whole.stamps_ns[::2],
+        columns={name: rows[::2] for name, rows in whole.columns.items()},
+    )
+    held = held_by(halved)
+    assert held.reason == f"suspended: a late sample at {halved.stamps_ns.size - 1} instants"
+
+
 def test_a_hit_suspends_the_promise_and_says_so() -> None:
     held = held_by(record_of("guaranteed", "sudden_disturbance"))
     assert not held.outside.any()

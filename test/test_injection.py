@@ -226,7 +226,9 @@ def test_what_is_injected_acts_on_when_a_parameter_is_set() -> None:
 
 
 @pytest.mark.ros
-def test_a_gap_of_the_states_ends_none_and_time_that_begins_again_all() -> None:
+def test_a_gap_of_the_states_ends_none_and_time_that_begins_again_all(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
     with living(DisturbanceInjector) as node:
 
         def pending_after(*times: float) -> int:
@@ -238,7 +240,11 @@ def test_a_gap_of_the_states_ends_none_and_time_that_begins_again_all() -> None:
         assert pending_after(0.0, 0.1) == 0
         node._inject(TORQUE, nanoseconds(70.0), 1.0)
         assert pending_after(60.0, 60.1, 60.2) == 1
+        assert "forgotten" not in capfd.readouterr().err
+        node.health.begin_again()
         assert pending_after(0.0) == 0
+    told = capfd.readouterr().err
+    assert "time has begun again at 0.000 s: re-armed; injected torques are forgotten" in told
 
 
 @pytest.mark.ros

@@ -53,7 +53,7 @@ from ppc_attitude.nodes.reference_generator import ReferenceGenerator
 from ppc_attitude.nodes.spacecraft_plant import SpacecraftPlant
 from ppc_attitude.processes.exits import BAD_INPUT
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.stamps import nanoseconds
+from ppc_attitude.science.stamps import nanoseconds, stamp_of
 from ppc_attitude.simulation.replay import replay
 
 pytestmark = pytest.mark.ros
@@ -152,6 +152,19 @@ def test_a_controller_that_is_switched_off_twice_within_a_step_tells_it(
         for stamp_ns in (7, 8):
             node.compute(stamp_ns, {topic.column: values for topic, values in INSTANT.items()})
     assert told == [(7, {ENABLED: False})]
+
+
+def test_what_is_taken_off_for_a_disturbance_is_no_saturation() -> None:
+    inputs = {topic.column: values for topic, values in INSTANT.items()}
+    with living(PpcController, "rate_observer:=1.0", "disturbance_feedforward:=true") as node:
+        for step in range(30):
+            turning = {"angular_velocity": (1e-5 * step, 0.0, 0.0)}
+            told = node.compute(stamp_of(step, 100.0), inputs | turning)
+        assert told["torque_command"] != told["unsaturated_torque"]
+        assert node.details()["steps in saturation"] == 0
+        for step in (30, 31):  # one odd sample is not believed
+            node.compute(stamp_of(step, 100.0), inputs | {"angular_velocity": (0.1, 0.0, 0.0)})
+        assert node.details()["steps in saturation"] == 1
 
 
 def test_a_plant_finds_who_publishes_under_another_name() -> None:

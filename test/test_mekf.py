@@ -231,6 +231,10 @@ def test_a_filter_in_the_dark_warns_after_five_slots() -> None:
         late = k > 50
         text = "no fix for 0.51 s, so no estimate" if late else "no fix yet"
         assert part.advice[:3] == (text, late, False)
+    for k in range(52, 92):  # of instants between two samples
+        came = k % 10 == 0
+        part.step(begin + k * STEP_NS, (*STILL, *((*FIX[:7], 0.005) if came else NO_FIX)))
+    assert part.advice.text.endswith(", 4 fixes have the stamp of no gyro sample, so no estimate")
 
 
 def test_the_filter_says_what_it_thinks_of_itself() -> None:
@@ -256,7 +260,7 @@ def test_the_filter_says_what_it_thinks_of_itself() -> None:
     assert (refused.warning, refused.failed) == (True, False)
     assert (refused.numbers["fixes"], refused.numbers["fixes refused"]) == (3, 1)
     lost = after(*[NO_FIX] * 6000)  # it hardly knows the bias yet
-    assert lost.text.startswith("lost: no fix for 60 s, 3σ = ")
+    assert lost.text.startswith("lost: no fix used for 60 s, the last one was refused, 3σ = ")
     assert (lost.warning, lost.failed) == (True, True)
     assert after(FIX).text.startswith("tracking")
     assert part.advices == 8  # every change of mind, once

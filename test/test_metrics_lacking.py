@@ -56,6 +56,11 @@ def test_an_envelope_that_is_not_on_record_is_left_out_of_the_time_outside_it():
     assert [each for each in row.without if each[1] - each[0] > 1.0] == [(79.99, 90.0)]
 
 
+def test_the_three_errors_say_what_is_not_on_record():
+    run = with_rows(normal_run(), "attitude", slice(10_500, 11_500), np.nan)
+    assert "RMS, from 100 to 120, without 104.99 to 115 s" in verdict_table(Verdict(run))
+
+
 def test_a_reference_that_ends_before_the_craft_has_settled_is_no_disturbance():
     run = with_rows(normal_run(), "reference_attitude", slice(1001, None), np.nan)
     row = requirement(Verdict(run), "settling_time")

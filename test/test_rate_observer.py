@@ -24,7 +24,7 @@ from scipy.integrate import trapezoid
 
 from ppc_attitude.science.controllers import momentum_tube, ppc, quaternion_feedback
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.kernel import kernel, matrix, quaternion, store_quaternion
+from ppc_attitude.science.kernel import ZERO, kernel, matrix, quaternion, store_quaternion
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.plants.rigid_body import angular_acceleration
@@ -38,6 +38,7 @@ from ppc_attitude.science.rate_observer import (
     rate_sigma,
     with_front,
 )
+from ppc_attitude.science.stamps import stamp_of
 
 INERTIA = np.array([[2.8, 0.15, -0.1], [0.15, 2.5, 0.2], [-0.1, 0.2, 1.9]])
 INVERSE = np.linalg.inv(INERTIA)
@@ -159,6 +160,31 @@ def test_a_hit_is_believed_at_its_second_sample() -> None:
     rates[101:] = 0.0
     rows = run(observer(1.0, suite_name="flagship"), rates)
     assert np.abs(rows[:, 0]).max() < 0.01
+
+
+def test_the_last_torque_is_not_taken_to_act_over_a_gap() -> None:
+    """An actuator that hears nothing for half a second gives none; so the rate was far off."""
+    rates = np.zeros((200, 3))
+    torques = np.tile([0.05, 0.0, 0.0], (200, 1))  # that the craft does not get, as after the gap
+    settings = observer(0.5, suite_name="flagship", disturbance_feedforward=False)
+    for pause, is_gap in ((5.0, True), (0.4, False)):
+        memory = new_record(MEMORY)
+        rows = np.empty((200, 6))
+        observed(settings, memory, rates, torques, rows)
+        stamp = 200 * STEP_NS + round(pause * 1e9)
+        learnt = memory["disturbance"].copy()
+        rate = observe(settings, memory, stamp, ZERO)
+        assert (rate == ZERO) is is_gap
+        assert np.array_equal(memory["disturbance"], learnt)  # of a hit, too
+        assert observe(settings, memory, stamp + STEP_NS, ZERO) != ZERO  # it goes on from there
+
+
+@pytest.mark.parametrize("rate", [1.0, 1.5])
+def test_slow_steps_are_no_gaps(rate: float) -> None:
+    settings, memory = observer(0.3, suite_name="flagship"), new_record(MEMORY)
+    for k in range(10):
+        observe(settings, memory, stamp_of(k, rate), (1e-4 * k, 0.0, 0.0))
+        assert memory["step"] == pytest.approx(min(k, 1) / rate)
 
 
 def test_a_law_with_its_own_observer_gets_no_second_one() -> None:

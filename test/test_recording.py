@@ -106,6 +106,16 @@ def test_what_is_sent_ahead_is_written_where_only_the_truth_has_the_instant() ->
     assert bag.steps(AHEAD) == [*range(30)]
 
 
+def test_what_is_sent_again_after_a_driver_began_anew_is_no_repetition() -> None:
+    """Its clock need not begin at zero, and a torque may be the same at the same stamp again."""
+    bag = Bag()
+    for begin in (0, 3):
+        for step in range(begin, 30):
+            bag.take(STATE, step, b"%d" % step if begin else b"")
+            bag.take(TORQUE, step, b"%d" % step)
+    assert bag.steps(TORQUE) == [*range(30), *range(3, 30)]
+
+
 def test_what_is_sent_ahead_is_written_after_time_has_gone_back() -> None:
     """A rig that is started again, or whose clock is set back, need not begin at zero."""
     bag = Bag()

@@ -132,6 +132,17 @@ def test_a_jump_that_ten_fixes_do_not_tell_from_noise_is_found_after_some_tries(
     assert np.abs(rows[late, 4:7] - jump).max() < 3e-6
 
 
+@pytest.mark.parametrize("size", [2e-5, 2.5e-5])
+def test_a_small_jump_about_the_boresight_is_learnt_too(size: float) -> None:
+    """It lets hundreds of fixes pass between two restarts, which went on for ever."""
+    settings, rates, truth, valid, arrival, fixes = noisy("flagship", 250.0, 8)
+    rates[10_000:] += np.array([0.0, 0.0, size])
+    memory, rows = run(settings, rates, valid, arrival, fixes)
+    assert 1 < memory["begun_anew"] < 4
+    assert np.abs(rows[-3000:, 4:7] - [0.0, 0.0, size]).max() < 1e-6
+    assert angles_between(rows[-3000:, :4], truth[-3000:]).max() < 2e-5
+
+
 def test_a_tracker_that_turns_in_its_mounting_is_not_believed() -> None:
     """In a steady slew its inertial error grows at one rate, as it does after a bias has jumped."""
     settings, rates, truth, valid, arrival, fixes = noisy("smallsat", 14.0, 7)

@@ -15,6 +15,7 @@
 """The command `sweep`: its hits are in proportion to the craft and to what is asked of it."""
 
 import math
+import warnings
 from pathlib import Path
 
 import pytest
@@ -72,6 +73,18 @@ def test_the_table_says_what_hits_and_gives_the_verdict_of_the_requirements(
     late = ask(*early, "--requirements", asked).out.splitlines()[-1]
     assert (late.split()[1], late[-7:]) == ("0.88", "NOT MET")
     assert max(map(len, lines)) <= 80
+
+
+def test_a_figure_of_hits_that_all_recover_has_its_layout(tmp_path: Path, ask: Ask) -> None:
+    """Matplotlib gave up, with a warning, over the line of those that did not."""
+    figure = tmp_path / "hits.png"
+    brief = ["--at", 1, "--duration", 12, "--pulse-durations", 0.01]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ask(*SWEEP, *brief, "--figure", figure)
+    link = tmp_path / "link.png"
+    link.symlink_to(figure)
+    assert "is no plain file" in ask(*SWEEP, *brief, "--figure", link, code=2).err
 
 
 def test_a_run_that_ends_while_its_error_may_still_grow_is_not_judged(ask: Ask) -> None:

@@ -181,16 +181,17 @@ def sweep_figure(hits: Sequence[SweptHit], required: Requirements = PAPER) -> Fi
     known = [np.nan if hit.recovery_time_s is None else hit.recovery_time_s for hit in hits]
     lost = [hit.duration_s for hit in hits if hit.recovery_time_s is None]
     top.plot(durations, known, "o-", color=BLUE, markersize=4, linewidth=1.0, label="recovery")
-    top.plot(
-        lost,
-        [1.0] * len(lost),  # on the frame, where no recovery time is
-        "X",
-        color=RED,
-        markersize=6,
-        transform=top.get_xaxis_transform(),
-        clip_on=False,
-        label="not recovered" if lost else "_",
-    )
+    if lost:  # Matplotlib finds no place for a line of no points outside the axes
+        top.plot(
+            lost,
+            [1.0] * len(lost),  # on the frame, where no recovery time is
+            "X",
+            color=RED,
+            markersize=6,
+            transform=top.get_xaxis_transform(),
+            clip_on=False,
+            label="not recovered",
+        )
     limit_lines(top, required.recovery, label=f"limit {required.recovery:g} s")
     top.set_ylabel("recovery time [s]")
     allowed = required.outside_after_hit

@@ -145,7 +145,7 @@ def certificate_held(record: RunRecord) -> Held | None:
     if left := np.count_nonzero(forgiven & ~suspended):
         causes.append(f"not yet back within the bounds at {left} instants")
     note = "suspended: " + ", ".join(causes) if causes else ""
-    if suspended.all():  # then nothing was promised at any instant
+    if causes and suspended[1:].all():  # nothing was promised: no step comes before the first
         return Held(nothing, note, "")
     return Held(outside & ~forgiven, "", note)
 

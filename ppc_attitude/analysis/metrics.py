@@ -149,14 +149,15 @@ class Verdict(Measured):
             ("control", "estimate against reference", self.control),
             ("knowledge", "truth against estimate", self.knowledge),
         ):
-            angles = np.empty(0) if errors is None else np.rad2deg(errors.angles[self.last])
-            angles = angles[np.isfinite(angles)]
+            angles = self.rate[:, 0] * np.nan if errors is None else np.rad2deg(errors.angles)
+            without = clipped(absent_spans(self.t, angles), self.last_span)
+            angles = angles[self.last & np.isfinite(angles)]
             most = rms = None
             if angles.size:
                 most, rms = float(angles.max()), float(np.sqrt(np.mean(angles**2)))
             elif name == "knowledge" and self.truth.standing == EXACT:
                 most = rms = 0.0
-            sizes.append(ErrorSize(name, meaning, most, rms, self.last_span))
+            sizes.append(ErrorSize(name, meaning, most, rms, self.last_span, without))
         return tuple(sizes)
 
     @property

@@ -181,7 +181,7 @@ def _errors(verdict: Verdict) -> str:
     for each in verdict.errors:
         sizes = (each.max_deg, each.rms_deg)
         told = ("not known" if size is None else number_text(size) for size in sizes)
-        rows.append([f"{each.name}: {each.meaning}", *told, span_text(each.span)])
+        rows.append([f"{each.name}: {each.meaning}", *told, each.span_text])
     numbers = [(title, "number") for title in ("largest [deg]", "RMS [deg]")]
     return table([("error", "name"), *numbers, ("over [s]", "")], rows)
 

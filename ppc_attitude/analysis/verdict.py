@@ -203,6 +203,8 @@ class ErrorSize:
         Largest and root mean square of its angle [deg]; None if it is not known.
     span : (float, float)
         The part of the run [s].
+    without : tuple of (float, float)
+        What of it is not on record [s].
     """
 
     name: str
@@ -210,6 +212,12 @@ class ErrorSize:
     max_deg: float | None
     rms_deg: float | None
     span: Span
+    without: tuple[Span, ...] = ()
+
+    @property
+    def span_text(self) -> str:
+        """The part of the run, and what of it is not on record, for a reader."""
+        return ", without ".join(map(span_text, (self.span, *self.without)))
 
 
 def torque_text(disturbance: Disturbance) -> str:

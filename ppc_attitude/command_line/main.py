@@ -46,7 +46,7 @@ _EXAMPLES = """examples:
   ppc_attitude analyse bags/2026-01-31_12-00-00 --report report.html
   ppc_attitude check --config config/paper.yaml
 
-exit codes: 0 done and all requirements met; 1 done, a requirement failed;
+exit codes: 0 done, no requirement missed; 1 done, a requirement missed;
             2 bad input or configuration; 3 the run broke
 """
 

@@ -48,7 +48,10 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     text = "ROS parameter file; may be given several times, later files win"
     _add_files(parser, "--config", text)
     parser.add_argument(
-        "--duration", metavar="S", type=POSITIVE, help="simulated time [s]; the plant's `duration`"
+        "--duration",
+        metavar="S",
+        type=POSITIVE,
+        help="simulated time [s]; default the plant's `duration`, or 120 if that is 0",
     )
     parser.add_argument(
         "--controller", choices=tuple(CONTROLLERS.components), help="the control law"
@@ -203,11 +206,11 @@ def add_figures_options(parser: argparse.ArgumentParser, what: str) -> None:
     )
 
 
-def add_bag_option(parser: argparse.ArgumentParser, default: str = "a new, dated one") -> None:
+def add_bag_option(
+    parser: argparse.ArgumentParser, told: str = "folder of the bag; default a new, dated one"
+) -> None:
     """Add --bag."""
-    parser.add_argument(
-        "--bag", metavar="DIR", type=new_folder, help=f"folder of the bag; default {default}"
-    )
+    parser.add_argument("--bag", metavar="DIR", type=new_folder, help=told)
 
 
 def number(

@@ -20,7 +20,6 @@ from ppc_attitude.analysis.verdict import (
     Disturbance,
     ErrorSize,
     number_text,
-    span_text,
     torque_text,
 )
 
@@ -68,7 +67,7 @@ def error_text(error: ErrorSize) -> str:
     """One of the three attitude errors in one line."""
     return (
         f"{error.name} error ({error.meaning}): at most {number_text(error.max_deg or 0.0)} deg, "
-        f"{number_text(error.rms_deg or 0.0)} deg RMS, from {span_text(error.span)} s"
+        f"{number_text(error.rms_deg or 0.0)} deg RMS, from {error.span_text} s"
     )
 
 

@@ -109,8 +109,9 @@ class ComponentNode(BaseNode):
         """Forget the past: the next step begins anew."""
         self.chain.forget()
 
-    def forget_orders(self) -> None:
-        """Forget what was ordered in flight: time has begun again."""
+    def forget_orders(self) -> str:
+        """Forget what was ordered in flight: time has begun again. Return what that was, if any."""
+        return ""
 
     def compute(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
         """Run the components at an instant; return the numbers of all columns by name."""
@@ -152,9 +153,12 @@ class ComponentNode(BaseNode):
     def _begin_again(self, stamp_ns: int) -> None:
         goes_on = stamp_ns > self.health.time_ns
         told = "goes on after a gap" if goes_on else "has begun again"
-        self.mention("restart", f"time {told} at {seconds(stamp_ns):.3f} s: re-armed")
+        text = f"time {told} at {seconds(stamp_ns):.3f} s: re-armed"
+        if not goes_on and (forgotten := self.forget_orders()):
+            self.complain("restart", f"{text}; {forgotten} are forgotten")
+        else:
+            self.mention("restart", text)
         if not goes_on:
-            self.forget_orders()
             self.tell_again(stamp_ns)
         self.arm()
         self.health.begin_again()

@@ -78,9 +78,11 @@ class DisturbanceInjector(ComponentNode):
         record, self._kept = configuration_of(np.concatenate(pulses))
         self.chain.parts[-1].hold(record)
 
-    def forget_orders(self) -> None:
+    def forget_orders(self) -> str:
         """Forget the torques that were injected before time began again."""
+        forgotten = "injected torques" if self._injections.pending else ""
         self._injections.begin_again()
+        return forgotten
 
     def _inject(self, torque: Values, start_ns: int, duration: float, request: str = "") -> str:
         limit = self.parameters["max_injected_torque"]

@@ -144,12 +144,13 @@ class GuidanceDesk:
         """The present warning; empty if there is none."""
         return " and ".join(warnings_of(self._part.state[0]["watch"]))
 
-    def begin_again(self) -> None:
-        """Forget all orders in flight: time has begun again."""
-        if self._book.in_flight:
+    def begin_again(self) -> bool:
+        """Forget all orders in flight: time has begun again. Return whether there were any."""
+        if in_flight := bool(self._book.in_flight):
             self._node.told |= schedule_of(self._scheduled)
         self._book.begin_again()
         self._profiles = self._scheduled.profiles
+        return in_flight
 
     def tell_again(self) -> None:
         """Tell anew what becomes of the orders: the reference begins anew."""

@@ -26,6 +26,7 @@ from ppc_attitude.nodes.component_node import ComponentNode
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.health import OK, STALE, WARN, Status
 from ppc_attitude.runtime.stamps import Values
+from ppc_attitude.science.controllers.common import MAX_TORQUE
 from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.stamps import seconds
 
@@ -63,8 +64,8 @@ class PpcController(ComponentNode):
             # The law's advice is dropped: the law misses its torque, and would name other causes.
             tuple(self.chain.news())
             return {**outputs, TORQUE_COMMAND.column: _ZERO}
-        torque = outputs[TORQUE_COMMAND.column]
-        self._saturated += torque != outputs.get(_UNSATURATED, torque)
+        asked = max(map(abs, outputs.get(_UNSATURATED, _ZERO)))
+        self._saturated += asked > self.parameters[MAX_TORQUE.name]
         return outputs
 
     def _on_enable(self, request: Any, response: Any) -> Any:

@@ -55,10 +55,9 @@ class ReferenceGenerator(ComponentNode):
         if self._desk:
             self._desk.tell_again()
 
-    def forget_orders(self) -> None:
+    def forget_orders(self) -> str:
         """Forget the goals that were given in flight."""
-        if self._desk:
-            self._desk.begin_again()
+        return "goals in flight" if self._desk and self._desk.begin_again() else ""
 
     def compute(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
         """Desired motion of an instant, with the goals that have come."""

@@ -106,13 +106,12 @@ class _Stretch:
 
     count: int = 0
     total: int = 0  # sum of the stamps: equal counts with other stamps give another sum
-    last: tuple[int, bytes] = (-1, b"")  # stamp [ns] and bytes of the newest
-    before: tuple[int, bytes] = (-1, b"")  # the same of the one before
+    last: int = -1  # stamp [ns] of the newest
 
     def until(self, stamp_ns: int) -> tuple[int, int]:
         """Count and sum of the stamps, without the last one if it is beyond a stamp."""
-        if self.last[0] > stamp_ns:
-            return self.count - 1, self.total - self.last[0]
+        if self.last > stamp_ns:
+            return self.count - 1, self.total - self.last
         return self.count, self.total
 
 
@@ -122,6 +121,7 @@ class _Lane:
 
     stretches: list[_Stretch] = field(default_factory=lambda: [_Stretch()])  # the last is present
     heard: int = -1  # the latest stamp [ns]
+    latest: tuple[tuple[int, bytes], ...] = ()  # stamps [ns] and bytes of the latest two
     ended: int = 0  # the latest one before its time began again, if it did
     surplus: int = 0  # messages beside the first one of their instant
     publishers: Publishers = field(default_factory=Publishers)
@@ -133,7 +133,7 @@ class _Lane:
 
 
 def _until(stretch: _Stretch) -> str:
-    return f"{seconds(max(stretch.last[0], 0)):.6f} s"
+    return f"{seconds(max(stretch.last, 0)):.6f} s"
 
 
 class Recording:
@@ -163,7 +163,7 @@ class Recording:
     @property
     def now(self) -> int:
         """The newest state [ns]; -1: none has come."""
-        return self._states.stretches[-1].last[0]
+        return self._states.stretches[-1].last
 
     def event(self, name: str, stamp_ns: int | None, data: bytes, with_state: bool = False) -> None:
         """Write a message that is no sample, at its own time or at that of the newest state.
@@ -215,11 +215,12 @@ class Recording:
         lane.heard = stamp_ns
         if name == _TRUTH and lane.epoch == self._states.epoch:
             self._remember(stamp_ns)
-        epoch, present = lane.epoch, lane.stretches[-1]
-        if (stamp_ns, data) in (present.last, present.before):
+        epoch = lane.epoch
+        if (stamp_ns, data) in lane.latest:
             if name == _LEAD:  # a plant that repeats a state waits, maybe for this record alone
                 self._unreported = _EVERY
             return  # or it is a peer's repeated answer to a repeated state
+        lane.latest = (*lane.latest[-1:], (stamp_ns, data))
         if name == _LEAD:
             self._keep(name, epoch, stamp_ns, data)
             self._lead(stamp_ns, now)
@@ -232,7 +233,7 @@ class Recording:
             self._wait(name, epoch, stamp_ns, data, ahead)
 
     def _begin_again(self, name: str, lane: _Lane) -> None:
-        lane.ended = lane.heard
+        lane.ended, lane.latest = lane.heard, ()
         lane.stretches.append(_Stretch())
         if name == _LEAD:
             self._origins.append(self._origins[-1] + lane.ended + 1)
@@ -253,7 +254,7 @@ class Recording:
     def _is_present(self, epoch: int, stamp_ns: int) -> bool:
         """True if the state of this instant has come, or a later one."""
         states = self._states.stretches
-        return epoch < len(states) and stamp_ns <= states[epoch].last[0]
+        return epoch < len(states) and stamp_ns <= states[epoch].last
 
     def _has_state(self, epoch: int, stamp_ns: int) -> bool:
         """True if an instant that has passed was a state's, as far as these are remembered."""
@@ -307,7 +308,7 @@ class Recording:
         """Write a sample, and count it if it is the first one of its instant."""
         lane = self._lanes[name]
         stretch = lane.stretches[epoch]
-        last = stretch.last[0]
+        last = stretch.last
         if stamp_ns <= last:
             lane.surplus += 1
         else:
@@ -315,7 +316,7 @@ class Recording:
                 self._rhythm.add(last, stamp_ns)
             stretch.count += 1
             stretch.total += stamp_ns
-            stretch.before, stretch.last = stretch.last, (stamp_ns, data)
+            stretch.last = stamp_ns
         self._write(name, self._origins[epoch] + stamp_ns, data)
 
     def began(self, names: Iterable[str], since: float) -> int | None:
@@ -372,7 +373,7 @@ class Recording:
             found += [f"{name} never came" for name in expected if name not in written]
         for name, stretches in written.items():
             for own, led in zip_longest(stretches, states, fillvalue=_Stretch()):
-                end = min(own.last[0], led.last[0])
+                end = min(own.last, led.last)
                 if own.until(end) != led.until(end):
                     found.append(
                         f"{name} has {own.count} messages until {_until(own)}, "

@@ -94,6 +94,7 @@ OBSERVER = record_type(
 MEMORY = record_type(
     ("started", np.float64),
     ("stamp_ns", np.int64),  # of the last step
+    ("step", np.float64),  # [s] from the one before; 0: there is none
     ("rate", np.float64, (3,)),  # ω̂ [rad/s] at the stamp
     ("disturbance", np.float64, (3,)),  # d̂ [N·m]
     ("torque", np.float64, (3,)),  # command [N·m] since the stamp
@@ -104,6 +105,7 @@ MEMORY = record_type(
     ("gaps", np.int64),  # how many gaps without an attitude are over
 )
 _SURPRISE = 5.0  # σ of a sample
+_HELD = 0.5  # [s] after which an actuator that hears nothing gives no torque
 _WIDE = 3.0  # σ of d̂'s own noise that its limit must leave room for
 
 
@@ -153,17 +155,21 @@ def observe(observer: Any, memory: Any, stamp_ns: int, measured: Vector) -> Vect
 
     a = J⁻¹ (τ + d̂ − ω̂ × J ω̂), ω⁻ = ω̂ + Δt a, r = ω_k − ½ (ω⁻ + ω̂), p = e^{−ω_n Δt};
     ω̂ ← ω⁻ + (1 − p²) r and d̂ ← d̂ + J_ii (1 − p)²/Δt · r with r bounded by ±g. Two residuals
-    beyond g in a row are a hit: then ω̂ starts anew from the measurement, and d̂ stays.
+    beyond g in a row are a hit: then ω̂ starts anew from the measurement, and d̂ stays. So it does
+    after a gap, over which nobody knows the torque that acted.
     """
-    if memory.started == 0.0:
+    h = seconds(stamp_ns - memory.stamp_ns)
+    is_gap = 0.0 < 2.0 * memory.step < h and h > _HELD
+    memory.stamp_ns = stamp_ns
+    if memory.started == 0.0 or is_gap:
+        if memory.started == 0.0:
+            store(memory.disturbance, ZERO)
         memory.started = 1.0
-        memory.stamp_ns = stamp_ns
+        memory.step = 0.0
         memory.surprised = 0.0
         store(memory.rate, measured)
-        store(memory.disturbance, ZERO)
         return measured
-    h = seconds(stamp_ns - memory.stamp_ns)
-    memory.stamp_ns = stamp_ns
+    memory.step = h
     inertia = matrix(observer.inertia)
     before, d = vector(memory.rate), vector(memory.disturbance)
     acceleration = angular_acceleration(

@@ -98,7 +98,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--record", action="store_true", help="with --only: run it through the nodes, and record it"
     )
-    add_bag_option(parser)
+    add_bag_option(parser, "with --only: record as with --record, in this folder")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     add_judging_options(parser)
 

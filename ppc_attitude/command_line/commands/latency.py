@@ -56,7 +56,8 @@ _JOINING = 1.0  # [s] after it in which a live graph is not measured
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     add_scenario_options(parser)
-    parser.add_argument("--rate", metavar="HZ", type=POSITIVE, help="the plant's `rate` [Hz]")
+    told = "the plant's `rate` [Hz]; with an allocator, set it in a file, under /**"
+    parser.add_argument("--rate", metavar="HZ", type=POSITIVE, help=told)
     add_bag_option(parser)
     parser.add_argument(
         "--live", action="store_true", help="listen to the running graph instead of starting one"

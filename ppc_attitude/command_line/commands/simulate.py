@@ -57,7 +57,7 @@ EXAMPLES = (
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     add_scenario_options(parser)
-    add_bag_option(parser, "none")
+    add_bag_option(parser, "folder of the bag; default none")
     parser.add_argument(
         "--export",
         metavar="FILE",

@@ -44,8 +44,9 @@ from ppc_attitude.simulation.scenario import Scenario
 
 HELP = "recovery time over the duration of a sudden disturbance"
 DESCRIPTION = (
-    "Simulates a run with one sudden disturbance (a hit) for each duration, and reports the "
-    "recovery. Options that are not given scale with the actuator and the settling deadline."
+    "Simulates a run with one sudden disturbance (a hit), in place of the configured ones, for "
+    "each duration, and reports the recovery. Options that are not given scale with the actuator "
+    "and the settling deadline."
 )
 EXAMPLES = (
     "ppc_attitude sweep --torque 0.8 --at 80 --pulse-durations 0.05 0.1 0.2",

@@ -89,7 +89,9 @@ _STEP = record_type(
 STEPS = 1024  # a power of two above MAX_DELAY
 assert MAX_DELAY < STEPS
 INNOVATIONS = 100
-_CALM = 100  # accepted fixes after which another wrong estimate has another cause
+# Accepted fixes after which another wrong estimate has another cause. A small jump of the bias
+# about the boresight, of which fixes tell least, lets hundreds pass between two restarts.
+_CALM = 1000
 _WIDEST = 1e-2  # [rad²/s²] up to which restarts in a row widen the variance of the bias
 MEMORY = record_type(
     ("knows", np.float64),  # 1 from the first estimate on

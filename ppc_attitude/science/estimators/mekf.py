@@ -205,14 +205,20 @@ def advice(memory: Any) -> Advice:
     arcsec = 3.0 * float(memory["sigma"]) * 180.0 * 3600.0 / math.pi
     told, mean = min(int(memory["used"]), INNOVATIONS), float(memory["mean_nis"])
     age, verdict = float(memory["age"]), int(memory["verdict"])
+    none = f"no fix for {age:.3g} s"
+    if memory["doubtful"]:
+        none = f"no fix used for {age:.3g} s, the last one was refused"
+    elif memory["unmatched"]:
+        stray = f"{int(memory['unmatched'])} fixes have the stamp of no gyro sample"
+        none = f"no fix used for {age:.3g} s, {stray}"
     text = {
         _GOOD: "tracking",
         _WAITING: "no fix yet",
-        _DARK: f"no fix for {age:.3g} s, so no estimate",
+        _DARK: f"{none}, so no estimate",
         _SURPRISED: f"the last {told} fixes have a mean NIS of {mean:.3g}; expected: 3",
         _DOUBTFUL: "the last fix was refused",
-        _STALE: f"no fix for {age:.3g} s",
-        _LOST: f"lost: no fix for {age:.3g} s",
+        _STALE: none,
+        _LOST: f"lost: {none}",
         _NO_RATE: "lost: the gyro gives no rate",
     }[verdict]
     if verdict not in (_WAITING, _DARK, _NO_RATE):
