@@ -102,7 +102,8 @@ setup(
         ],
         # Proof by interval arithmetic (check, design), and the adversary (falsify).
         "guarantee": ["cma>=4.5.0", "python-flint>=0.9.0"],
-        "campaign": ["dask[distributed]>=2026.8.0", "pyarrow>=25.0.1"],
+        # pyarrow 26 needs NumPy 2, which it does not declare; Ubuntu 24.04, and so Jazzy, has 1.26.
+        "campaign": ["dask[distributed]>=2026.8.0", "pyarrow>=25.0.1,<26"],
         "orbit": ["sgp4>=2.23"],  # for orbit.tle
         "bench": ["bsk>=2.12.1", "casadi>=3.8.2"],  # casadi: docs/examples/time_optimal.py
         "test": [

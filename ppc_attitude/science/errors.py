@@ -39,9 +39,11 @@ def needed_by(what: str, extra: str) -> Iterator[None]:
     Raises
     ------
     ConfigurationError
-        One is not installed; the message says what needs it, and how to install it.
+        One is not installed, or does not go with another; the message says what needs it, and how
+        to install it.
     """
     try:
         yield
-    except ImportError:
-        raise ConfigurationError(f"{what}: pip install 'ppc_attitude[{extra}]'") from None
+    except ImportError as error:
+        told = f"{what}: pip install 'ppc_attitude[{extra}]' ({error})"
+        raise ConfigurationError(told) from None
