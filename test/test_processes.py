@@ -205,7 +205,7 @@ for each in ("3", "raise", "kill"):
     assert child.ends(60.0)
     child.listen()
     told = {**child.told, "code": child.process.poll(), "pid": child.process.pid, "hidden": hidden}
-    print("\\n" + json.dumps(told))
+    print("\\n" + json.dumps(told), flush=True)  # else a piece of it, where a buffer is full
 end.set()
 """
 BECOMING = """
