@@ -111,8 +111,8 @@ def test_what_is_sent_again_after_a_driver_began_anew_is_no_repetition() -> None
     bag = Bag()
     for begin in (0, 3):
         for step in range(begin, 30):
-            bag.take(STATE, step, b"%d" % step if begin else b"")
-            bag.take(TORQUE, step, b"%d" % step)
+            bag.take(STATE, step)
+            bag.take(TORQUE, step)
     assert bag.steps(TORQUE) == [*range(30), *range(3, 30)]
 
 

@@ -25,14 +25,12 @@ from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.runtime.answers import Answers
 from ppc_attitude.runtime.chain import Chain
 from ppc_attitude.runtime.health import ERROR, OK, STALE, WARN, Status
-from ppc_attitude.runtime.stamps import Instant, Values
+from ppc_attitude.runtime.stamps import SILENCE, Instant, Values
 from ppc_attitude.science.component import read_from_elsewhere
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Value
 from ppc_attitude.science.stamps import seconds
 from ppc_attitude.simulation.scenario import check_components
-
-_SILENCE = 2.0  # [s] without a true attitude, after which the states of `attitude` count again
 
 
 class ComponentNode(BaseNode):
@@ -128,8 +126,8 @@ class ComponentNode(BaseNode):
         self._receive(ATTITUDE, stamp_ns, ())
 
     def _on_state(self, stamp_ns: int, _: Values) -> None:
-        """Take the stamp of a state, unless the truth tells it."""
-        if self.now() - self._truth_at > _SILENCE:
+        """Take the stamp of a state, unless the truth tells it, or did so a moment ago."""
+        if self.now() - self._truth_at > SILENCE:
             self._receive(ATTITUDE, stamp_ns, ())
 
     def on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:

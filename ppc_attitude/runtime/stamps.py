@@ -27,7 +27,8 @@ from ppc_attitude.science.stamps import LARGEST_STEP, LATEST, NANOSECONDS, nanos
 Values = tuple[float, ...]
 _LATEST_NS = nanoseconds(LATEST)
 _AHEAD = 10  # incomplete instants that may be: a source is ahead, or a plant has just ended
-_SILENCE = 2.0  # [s] after which the last message is no sign that others come
+SILENCE = 2.0
+"""Time [s] after which the last message is no sign that others come."""
 
 
 class RefusedError(ValueError):
@@ -153,7 +154,7 @@ class Instant:
 
     def is_stuck(self, now: float) -> bool:
         """True if messages come, by a time [s], and too many of them make no instant together."""
-        return len(self._parts) > _AHEAD and now - self._heard_at < _SILENCE
+        return len(self._parts) > _AHEAD and now - self._heard_at < SILENCE
 
     def missing(self) -> tuple[str, ...]:
         """Names that no incomplete instant has; all if there is none, or if they do not pair."""

@@ -24,8 +24,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
-import numpy as np
-
 from ppc_attitude.analysis.requirements import load_requirements
 from ppc_attitude.command_line.environment_load import environment_torque, wheel_conditions
 from ppc_attitude.command_line.guarantee_view import Judgement
@@ -51,13 +49,14 @@ from ppc_attitude.contract.topics import (
     TRUE_RATE,
 )
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
-from ppc_attitude.science.attitude import attitude_error, rotation_angle, to_body
+from ppc_attitude.science.attitude import attitude_error, rotation_angle
 from ppc_attitude.science.conditions import Condition
 from ppc_attitude.science.controllers.tube_parameters import LAWS
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import fault_texts
+from ppc_attitude.science.guidance.rotation import relative_to
 from ppc_attitude.science.hooks import Advice
-from ppc_attitude.science.kernel import Quaternion
+from ppc_attitude.science.kernel import ZERO, Quaternion, norm
 from ppc_attitude.science.kinds import (
     ACTUATORS,
     CONTROLLERS,
@@ -136,10 +135,11 @@ def execute(arguments: argparse.Namespace) -> int:
     idle = idle_parameters(arguments.config, scenario)
     own, known = list[str](), list[str]()
     if guarantee:
-        error = attitude_error(true, desired)
-        omega_s, omega_d = (_given(parts, each.column) for each in (TRUE_RATE, REFERENCE_RATE))
-        omega_e = omega_s - to_body(tuple(omega_d.tolist()), error[:3], error[3])
-        own = guarantee.of_start(rotation_angle(error), float(np.linalg.norm(omega_e)))
+        omega_s, omega_d = (
+            tuple(_given(parts, each.column).tolist()) for each in (TRUE_RATE, REFERENCE_RATE)
+        )
+        error, omega_e, _ = relative_to((desired, omega_d, ZERO), (true, omega_s, ZERO))
+        own = guarantee.of_start(rotation_angle(error), norm(omega_e))
     if guarantee and arguments.known_reference:
         promised = (each.rate for each in guarantee.certificate.promises)
         known = guarantee.of_reference([x for x in promised if x <= _LARGEST_KNOWN_RATE])
