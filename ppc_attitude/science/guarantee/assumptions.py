@@ -15,10 +15,11 @@
 """The assumptions of a guarantee about craft and surroundings, and the numbers of its law."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeVar
 
 from ppc_attitude.science.controllers.tube_parameters import ASSUMED, PREFIX
+from ppc_attitude.science.guarantee.arithmetic import Arithmetic
 
 Triple = tuple[float, float, float]
 
@@ -97,6 +98,19 @@ class Law:
     omega0: float
     d_max: float
     N: Triple
+
+
+_Numbers = TypeVar("_Numbers", Assumptions, Law)
+
+
+def exact(numbers: _Numbers, arithmetic: Arithmetic) -> _Numbers:
+    """The same numbers, each of them exactly in an arithmetic."""
+    number = arithmetic.number
+    found: dict[str, Any] = {
+        name: tuple(map(number, value)) if isinstance(value, tuple) else number(value)
+        for name, value in vars(numbers).items()
+    }
+    return replace(numbers, **found)
 
 
 # Parameter of each number.

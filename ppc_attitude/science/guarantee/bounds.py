@@ -19,7 +19,7 @@ from collections.abc import Callable
 from ppc_attitude.science.controllers.brake import BLEND
 from ppc_attitude.science.controllers.tube_parameters import observer_spread
 from ppc_attitude.science.guarantee.arithmetic import Arithmetic, Number
-from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
+from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, exact
 from ppc_attitude.science.guarantee.body import Numbers, body_of
 from ppc_attitude.science.guarantee.cells import (
     FINE,
@@ -54,6 +54,8 @@ class Bounds:
 
     Attributes
     ----------
+    assumed, law : Assumptions, Law
+        The same, with numbers of the arithmetic.
     body : Body
         Bounds of the inertia.
     e_w : number
@@ -96,53 +98,49 @@ class Bounds:
     def __init__(
         self, assumed: Assumptions, law: Law, arithmetic: Arithmetic, count: Cells = FINE
     ) -> None:
-        number, most = arithmetic.number, arithmetic.largest
-        self.assumed, self.law, self.arithmetic = assumed, law, arithmetic
         self.body = body = body_of(assumed, arithmetic)
-        self._h, self._k, self._kappa, self._z = map(number, (law.h, law.k, law.kappa, law.z_bar))
-        self._late, self._Omega, self._e_A = map(number, (assumed.late, assumed.Omega, assumed.e_A))
-        self._W, self._W1, self._W2 = map(number, (assumed.W, assumed.W1, assumed.W2))
-        self._torque, self._d, e_S = map(number, (assumed.max_torque, assumed.d, assumed.e_S))
-        self._age = (number(0.5) + self._late) * self._h  # [s] of F while it acts, in the mean
-        self.e_w = number(assumed.e_W) + self._W * self._e_A
-        self._Y, B, brake = (tuple(map(number, each)) for each in (law.Y, law.B, law.brake))
-        self._most_used = _triple(lambda i: most(B[i], number(law.B_ramp)))
-        self.a, self.a_most = body.brakes(brake, number(law.a_most))
-        reference = number(law.Omega_e), self._W, self._W1, self._W2
-        errors = self._z, self._e_A, self.e_w
-        self._speed = Speed(self._k, self.a, self.a_most, *reference, *errors, arithmetic)
-        self._stop_rate = number(law.omega0) + self._z  # ‖ω_e‖ while p > 0
-        self._cruise_rate = number(law.w_far) + 2 * self._z  # the axis turns meanwhile: C9 n
-        self._fastest = most(self._Omega, self._stop_rate + self._W)
+        self.assumed, self.law = assumed, law = exact(assumed, arithmetic), exact(law, arithmetic)
+        self.arithmetic, most, e_S = arithmetic, arithmetic.largest, assumed.e_S
+        # [s] of F while it acts, in the mean
+        self._age = (arithmetic.number(0.5) + assumed.late) * law.h
+        self.e_w = assumed.e_W + assumed.W * assumed.e_A
+        self._most_used = _triple(lambda i: most(law.B[i], law.B_ramp))
+        self.a, self.a_most = body.brakes(law.brake, law.a_most)
+        reference = law.Omega_e, assumed.W, assumed.W1, assumed.W2
+        errors = law.z_bar, assumed.e_A, self.e_w
+        self._speed = Speed(law.k, self.a, self.a_most, *reference, *errors, arithmetic)
+        self._stop_rate = law.omega0 + law.z_bar  # ‖ω_e‖ while p > 0
+        self._cruise_rate = law.w_far + 2 * law.z_bar  # the axis turns meanwhile: C9 n
+        self._fastest = most(assumed.Omega, self._stop_rate + assumed.W)
         epsilon = body.inverse_error(e_S)
         spread = ((1 + e_S) * body.most - (1 - e_S) * body.least) / 2
         # What a wrong inertia makes of rates and of torques [N·m].
         self._gyroscopic = (epsilon * spread + e_S * body.most) * self._fastest * self._fastest
-        self._misled = epsilon * arithmetic.sqrt(number(3.0)) * (self._torque + self._d)
+        root = arithmetic.sqrt(arithmetic.number(3.0))
+        self._misled = epsilon * root * (assumed.max_torque + assumed.d)
 
-        self.blend = self._reached((1 + BLEND) * (self._speed.Omega_e + self._W), self.a)
+        self.blend = self._reached((1 + BLEND) * (law.Omega_e + assumed.W), self.a)
         found = self._cells = self._main_cells(count)
-        far, w_far = number(law.far) / 2, number(law.w_far)
-        self.nu_stop = self._largest(nu_of, far)
-        self._stop_cotangent = self._largest(half_cotangent, far)
-        self.stop_load = self.nu_stop * (w_far * w_far / 2 + w_far * self._z)
+        self.nu_stop = self._largest(nu_of, law.far / 2)
+        self._stop_cotangent = self._largest(half_cotangent, law.far / 2)
+        self.stop_load = self.nu_stop * (law.w_far * law.w_far / 2 + law.w_far * law.z_bar)
         self.variation = self._main_variation()
         self.variation_at_stop = self._stop_variation()
         lipschitz = most(*(each.lipschitz for each in found))
-        self.noise = _triple(lambda i: body.row[i] * (self.e_w + lipschitz * self._e_A))
+        self.noise = _triple(lambda i: body.row[i] * (self.e_w + lipschitz * assumed.e_A))
         self.torque_noise = self._torque_noise()
-        feedforward = self.feedforward(self._Omega)
+        feedforward = self.feedforward(assumed.Omega)
         needed = _triple(
-            lambda i: most(*(each.needed(body.row[i], brake[i], arithmetic) for each in found))
+            lambda i: most(*(each.needed(body.row[i], law.brake[i], arithmetic) for each in found))
         )
         self.load = _triple(lambda i: feedforward[i] + needed[i])
-        self.brake = _triple(lambda i: B[i] - feedforward[i] - (needed[i] - brake[i]))
-        left = (B[i] - feedforward[i] - self.torque_noise[i] for i in range(3))
+        self.brake = _triple(lambda i: law.B[i] - feedforward[i] - (needed[i] - law.brake[i]))
+        left = (law.B[i] - feedforward[i] - self.torque_noise[i] for i in range(3))
         free = arithmetic.least(*(each / row for each, row in zip(left, body.row, strict=True)))
         drift = most(*(arithmetic.sqrt(each.drift**2 + each.turn**2) for each in found))
         self.reserve = free - drift
         self.V_rate, self.a_rate = self._rates()
-        self.z = body.box(self._Y)
+        self.z = body.box(law.Y)
         self.B = self._allowed()
         self.Y = self._tube()
 
@@ -151,17 +149,17 @@ class Bounds:
 
         ω_e × w_d = ω_s × w_d, so ‖M0‖ needs ‖ω_s‖ and the reference only.
         """
-        row, spread = self.body.row, self.body.spread
-        return _triple(lambda i: row[i] * (rate * self._W + self._W1) + spread[i] * rate * rate)
+        row, spread, W, W1 = self.body.row, self.body.spread, self.assumed.W, self.assumed.W1
+        return _triple(lambda i: row[i] * (rate * W + W1) + spread[i] * rate * rate)
 
     def stop_time(self, rate: Number) -> Number | None:
         """T_p [s]: p is 0 after it if the event is told ‖ω_e‖ ≤ rate [rad/s]; None if never."""
-        number, law = self.arithmetic.number, self.law
-        feedforward = self.feedforward(rate + self._W + self._z)
-        cruises = bool(rate <= number(law.w_far))
+        law = self.law
+        feedforward = self.feedforward(rate + self.assumed.W + law.z_bar)
+        cruises = bool(rate <= law.w_far)
         times = []
         for i in range(3):
-            left = number(law.B[i]) - feedforward[i] - self.torque_noise[i]
+            left = law.B[i] - feedforward[i] - self.torque_noise[i]
             if cruises:
                 left = left - self.body.row[i] * self.stop_load
             if not left > 0:
@@ -171,37 +169,38 @@ class Bounds:
 
     def cruise_start(self) -> Number | None:
         """φ [rad] from which a cruise reaches its speed before it has to brake (C9), if any."""
-        w_far, z = self.arithmetic.number(self.law.w_far), self._z
-        time = self.stop_time(w_far)
+        assumed, law = self.assumed, self.law
+        time = self.stop_time(law.w_far)
         if time is None or not self.reserve > 0:
             return None
-        fastest = self._speed.Omega_e + self._W
-        stopping = (w_far + self.e_w + z) * (time + self._h)
-        start = self.blend + stopping + self._e_A
-        return start + fastest * fastest / (2 * self.reserve) + z * fastest / self.reserve
+        fastest = law.Omega_e + assumed.W
+        stopping = (law.w_far + self.e_w + law.z_bar) * (time + law.h)
+        start = self.blend + stopping + assumed.e_A
+        return start + fastest * fastest / (2 * self.reserve) + law.z_bar * fastest / self.reserve
 
     def _acceleration(self, rate: Number, variation: Numbers) -> Number:
         """A ≥ ‖ω_e'‖: v' from the most that |F| may be, and |y'| ≤ 2κY + δF."""
         feedforward = self.feedforward(rate)
         commanded = _triple(lambda i: self._most_used[i] + feedforward[i])
-        tube = _triple(lambda i: 2 * self._kappa * self._Y[i] + variation[i])
+        tube = _triple(lambda i: 2 * self.law.kappa * self.law.Y[i] + variation[i])
         return self.body.box(commanded) + self.body.box(tube)
 
     def _feedforward_rate(self, i: int, w: Number, total: Number, acceleration: Number) -> Number:
         """Bound of |M0_i'| where ‖ω_e‖ ≤ w and ‖ω_s‖ ≤ total."""
-        W, W1 = self._W, self._W1
+        W, W1 = self.assumed.W, self.assumed.W1
         row, spread = self.body.row[i], self.body.spread[i]
-        own = acceleration * W + w * (W1 + w * W) + self._W2 + w * W1
+        own = acceleration * W + w * (W1 + w * W) + self.assumed.W2 + w * W1
         return row * own + 2 * spread * total * (acceleration + W1 + w * W)
 
     def _main_cells(self, count: Cells) -> list[Cell]:
         """Cells from the least V: a σ that follows V may lag by what V moves in two samples."""
-        lag = 2 * self._h * self.arithmetic.number(self.law.V_rate)
-        lowest, _ = self.arithmetic.outward(self._speed.Omega_e - self._W - lag)
+        Omega_e, W = self.law.Omega_e, self.assumed.W
+        lag = 2 * self.law.h * self.law.V_rate
+        lowest, _ = self.arithmetic.outward(Omega_e - W - lag)
         if lowest <= 0.0:
             raise ValueError(
-                f"Omega_e = {self.law.Omega_e:g} rad/s leaves no speed beyond the reference's; "
-                f"allowed: above W + 2 h V_rate, with W = {self.assumed.W:g} rad/s"
+                f"Omega_e = {float(Omega_e):g} rad/s leaves no speed beyond the reference's; "
+                f"allowed: above W + 2 h V_rate, with W = {float(W):g} rad/s"
             )
         return cells(self._speed, lowest, count)
 
@@ -220,13 +219,14 @@ class Bounds:
 
     def _next_variation(self, variation: Numbers) -> Numbers:
         """δF in the main phase, with the ramps of r and σ, if A is taken with `variation`."""
-        A = self._acceleration(self._Omega, variation)
-        sigma = 2 * A * self._largest(nu_of, self.blend) * self._z  # of σ' n', |σ'| ≤ ‖v'‖ ≤ A
+        k, Omega = self.law.k, self.assumed.Omega
+        A = self._acceleration(Omega, variation)
+        sigma = 2 * A * self._largest(nu_of, self.blend) * self.law.z_bar  # σ' n', |σ'| ≤ ‖v'‖ ≤ A
 
         def axis(i: int) -> Number:
             rates = (
-                self.body.row[i] * (each.second + each.lever * A + 2 * self._k * each.ramp + sigma)
-                + self._feedforward_rate(i, each.speed, self._Omega, A)
+                self.body.row[i] * (each.second + each.lever * A + 2 * k * each.ramp + sigma)
+                + self._feedforward_rate(i, each.speed, Omega, A)
                 for each in self._cells
             )
             return self._age * self.arithmetic.largest(*rates)
@@ -235,44 +235,45 @@ class Bounds:
 
     def _stop_variation(self) -> Numbers:
         """δF while p > 0: v' = p' ω_res, in cruise with σ n' besides."""
-        fast, slow, total = self._stop_rate, self._cruise_rate, self._stop_rate + self._W
+        W, fast, slow = self.assumed.W, self._stop_rate, self._cruise_rate
+        total = fast + W
         A = self._acceleration(total, self.variation)
         turning = slow * axis_second(self.nu_stop, self._stop_cotangent, slow, slow, A)
 
         def axis(i: int) -> Number:
             near = self._feedforward_rate(i, fast, total, A)
-            cruise = self._feedforward_rate(i, slow, slow + self._W, A) + self.body.row[i] * turning
+            cruise = self._feedforward_rate(i, slow, slow + W, A) + self.body.row[i] * turning
             return self._age * self.arithmetic.largest(near, cruise)
 
         return _triple(axis)
 
     def _rates(self) -> tuple[Number, Number]:
         """V̄' and ā' where cap and brake act, with what their estimates may be wrong in a sample."""
-        speed, h, e_A = self._speed, self._h, self._e_A
-        fast, slow = speed.Omega_e + self._W, speed.Omega_e - self._W
+        speed, law, h, W, e_A = self._speed, self.law, self.law.h, self.assumed.W, self.assumed.e_A
+        fast, slow = law.Omega_e + W, law.Omega_e - W
         # The cap can act only beyond this φ; Φ's own step may look a little nearer.
         margin = 2 * h * (fast + self._stop_rate)
         nu_cap = self._nu_from(self._reached((1 - BLEND) * slow, self.a_most) - margin)
         # f depends on a beyond φ1 only, and φ rises by no more than h z̄ in a sample.
-        nu_brake = self._nu_from(self.a / (self._k * self._k) - h * self._z)
+        nu_brake = self._nu_from(self.a / (law.k * law.k) - h * law.z_bar)
         return (
-            speed.rate(nu_cap) + speed.gain * self._W * nu_cap * e_A / h,
-            speed.brake_rate(self.a_most, nu_brake * (self._z + e_A / h)),
+            speed.rate(nu_cap) + speed.gain * W * nu_cap * e_A / h,
+            speed.brake_rate(self.a_most, nu_brake * (law.z_bar + e_A / h)),
         )
 
     def _torque_noise(self) -> Numbers:
         """N_F,i."""
-        e_W, slow = self.arithmetic.number(self.assumed.e_W), self._cruise_rate
+        W, e_A, e_W, slow = self.assumed.W, self.assumed.e_A, self.assumed.e_W, self._cruise_rate
         stop = self.nu_stop, self._stop_cotangent
-        turning = slow * axis_error(*stop, slow, slow + self.e_w, self._e_A, self.e_w)
+        turning = slow * axis_error(*stop, slow, slow + self.e_w, e_A, self.e_w)
         # A ramp changes f n by itself: r' ≤ k, or |σ'| ≤ ‖v'‖ ≤ A where the cap alone acts.
-        A = self._acceleration(self._Omega, self.variation)
-        rising = A * self._largest(nu_of, self.blend) * self._e_A
+        A = self._acceleration(self.assumed.Omega, self.variation)
+        rising = A * self._largest(nu_of, self.blend) * e_A
         most = self.arithmetic.largest
-        ramps = (most(self._k * each.lipschitz * self._e_A, rising) for each in self._cells)
+        ramps = (most(self.law.k * each.lipschitz * e_A, rising) for each in self._cells)
         pairs = zip(self._cells, ramps, strict=True)
         of_v = most(turning, *(each.error + ramp for each, ramp in pairs))
-        of_m = self._W * e_W + (self._fastest * self._W + self._W1) * self._e_A
+        of_m = W * e_W + (self._fastest * W + self.assumed.W1) * e_A
 
         def axis(i: int) -> Number:
             gyroscopic = self.body.spread[i] * e_W * (2 * self._fastest + e_W)
@@ -282,7 +283,7 @@ class Bounds:
 
     def _reached(self, g: Number, a: Number) -> Number:
         """φ at which the brake allows g ≥ a/k: less for a stronger one."""
-        return g * g / (2 * a) + a / (2 * self._k * self._k)
+        return g * g / (2 * a) + a / (2 * self.law.k * self.law.k)
 
     def _nu_from(self, phi: Number) -> Number:
         """ν at φ, which is the largest up to half a turn; infinite where φ may be 0."""
@@ -296,28 +297,28 @@ class Bounds:
 
     def _allowed(self) -> Numbers:
         """Largest B: a saturated axis is still pushed back."""
-        number, assumed = self.arithmetic.number, self.assumed
-        common = number(assumed.eta) * self._torque - self._d - number(assumed.dead_band)
+        assumed = self.assumed
+        common = assumed.eta * assumed.max_torque - assumed.d - assumed.dead_band
         common = common - self._misled - self._gyroscopic
         return _triple(lambda i: common - self.variation[i] - self.torque_noise[i])
 
     def _tube(self) -> Numbers:
         """Least Y: D/κ_eff + kick; infinite if the observer does not follow a weak actuator."""
-        number, assumed, law = self.arithmetic.number, self.assumed, self.law
-        eta, ell, dead_band = map(number, (assumed.eta, law.ell, assumed.dead_band))
-        x = self._kappa * self._h * (1 - ell) / ell  # κ λ_o
+        assumed, law, eta, h = self.assumed, self.law, self.assumed.eta, self.law.h
+        x = law.kappa * h * (1 - law.ell) / law.ell  # κ λ_o
         weak = 1 - 2 * (1 - eta) * x
-        late = 1 - 2 * self._kappa * self._h * self._late
+        late = 1 - 2 * law.kappa * h * assumed.late
         if not (weak > 0 and late > 0):
-            return (number(float("inf")),) * 3
-        factor = observer_spread(assumed.eta, x, weak) / (self._kappa * late)
+            return (self.arithmetic.number(float("inf")),) * 3
+        factor = observer_spread(eta, x, weak) / (law.kappa * late)
 
         def axis(i: int) -> Number:
-            free = (1 - eta) * self._most_used[i] + self._d + self.variation[i] + dead_band
+            most = self._most_used[i]
+            free = (1 - eta) * most + assumed.d + self.variation[i] + assumed.dead_band
             free = free + self._misled + self._gyroscopic
-            D = number(law.d_max) + self._kappa * self.noise[i] + self.torque_noise[i] + free / eta
-            kick = self.body.row[i] * (self._h * self.V_rate)
-            kick = kick + self._late * self._h * (self._torque + 5 * self._most_used[i])
+            D = law.d_max + law.kappa * self.noise[i] + self.torque_noise[i] + free / eta
+            kick = self.body.row[i] * (h * self.V_rate)
+            kick = kick + assumed.late * h * (assumed.max_torque + 5 * most)
             return D * factor + kick
 
         return _triple(axis)

@@ -37,18 +37,16 @@ class Envelope:
         assumed, law, number = bounds.assumed, bounds.law, bounds.arithmetic.number
         self._assumed, self._law, self._bounds = assumed, law, bounds
         self._arithmetic = bounds.arithmetic
-        self._k, self._a, self._z = number(law.k), bounds.a, number(law.z_bar)
         # A slow craft gets no more steps than a quick one, but steps resolve the last exponential.
-        turn = math.pi / (law.Omega_e - assumed.W) + 2.0 * math.sqrt(math.pi / law.a_most)  # about
-        self._step = number(max(_STEP, law.h, min(_SHARE * turn, 0.2 / law.k)))
-        self._h = number(law.h)
-        self._slowest = number(law.Omega_e) - number(assumed.W)
-        self._fastest = number(law.Omega_e) + number(assumed.W)
-        self._linear = self._a / (self._k * self._k)
+        h, k, Omega_e, W, a = map(float, (law.h, law.k, law.Omega_e, assumed.W, law.a_most))
+        turn = math.pi / (Omega_e - W) + 2.0 * math.sqrt(math.pi / a)  # [s] about
+        self._step = number(max(_STEP, h, min(_SHARE * turn, 0.2 / k)))
+        self._slowest, self._fastest = law.Omega_e - assumed.W, law.Omega_e + assumed.W
+        self._linear = bounds.a / (law.k * law.k)
         self._offset, self._offset_most = (
-            a * a / (self._k * self._k) for a in (self._a, bounds.a_most)
+            a * a / (law.k * law.k) for a in (bounds.a, bounds.a_most)
         )
-        self._e_A, self._zero = number(assumed.e_A), number(0.0)
+        self._zero = number(0.0)
 
     def told(self, rate: float) -> Number:
         """Largest ‖ω_e‖ [rad/s] that the law is told at an event with a true one up to `rate`."""
@@ -56,14 +54,10 @@ class Envelope:
 
     def speed(self, phi: Number, cap: Number) -> Number:
         """f(φ; V), from below where a comparison is not certain."""
-        arithmetic = self._arithmetic
-        if phi <= self._linear:
-            g = self._k * phi
-        else:
-            under = 2 * self._a * phi - self._offset
-            g = arithmetic.least(
-                self._k * phi, arithmetic.sqrt(arithmetic.largest(under, self._zero))
-            )
+        arithmetic, g = self._arithmetic, self._law.k * phi
+        if not phi <= self._linear:
+            under = 2 * self._bounds.a * phi - self._offset
+            g = arithmetic.least(g, arithmetic.sqrt(arithmetic.largest(under, self._zero)))
         if g >= (1 + BLEND) * cap:
             return cap
         if g <= (1 - BLEND) * cap:
@@ -77,7 +71,7 @@ class Envelope:
 
     def terminal(self) -> float:
         """Final bound of |q_ev,i| for any disturbance within its bound: z̄/(2k)."""
-        return self._arithmetic.outward(self._z / (2 * self._k))[1]
+        return self._arithmetic.outward(self._law.z_bar / (2 * self._law.k))[1]
 
     def settling(self, rate: float, accuracy: float, turn: float = math.pi) -> float:
         """Guaranteed settling time [s], by default for every attitude.
@@ -101,20 +95,20 @@ class Envelope:
                 f"|q_ev,i| < {accuracy:g} is never guaranteed: the tube leads to "
                 f"z̄/(2k) = {self.terminal():.3g}"
             )
-        told, number = self.told(rate), self._arithmetic.number
-        if not told <= number(self._law.omega0):
+        told, law, pi = self.told(rate), self._law, self._arithmetic.pi
+        lead, e_A = self._assumed.lead, self._assumed.e_A
+        if not told <= law.omega0:
             raise ValueError(
                 f"a rate error of {rate:g} rad/s may, with its estimation error, be larger than "
-                f"omega0 = {self._law.omega0:g} rad/s"
+                f"omega0 = {float(law.omega0):g} rad/s"
             )
-        lead, far = number(self._assumed.lead), number(self._law.far)
         # Only an error that is told to be nearly half a turn may be turned the other way round.
-        is_short = bool(number(turn) + self._e_A < self._arithmetic.pi - lead)
-        phi = number(turn) if is_short else self._arithmetic.pi + lead
-        if not told <= number(self._law.w_far) or bool(phi + self._e_A < far):
+        phi = self._arithmetic.number(turn)
+        phi = phi if phi + e_A < pi - lead else pi + lead
+        if not told <= law.w_far or phi + e_A < law.far:
             # It covers starts that cruise: from the same turn they are no later, because σ ≥ r V.
             return self.near_time(phi, told, accuracy)
-        near = self.near_time(far, told, accuracy)
+        near = self.near_time(law.far, told, accuracy)
         return max(self.far_time(phi, told, accuracy), near)
 
     def near_time(
@@ -125,35 +119,34 @@ class Envelope:
         The rate [rad/s] is the one that the law is told.
         """
         arithmetic, step, one = self._arithmetic, self._step, self._arithmetic.number(1.0)
+        z, e_A, k = self._law.z_bar, self._assumed.e_A, self._law.k
         drift, time = self.stop(rate, stop)
         reserve, limit = self._bounds.reserve, self.settled(accuracy)
         # An error that begins within the accuracy may still drift out while the brake sets in.
-        phi = arithmetic.upper(arithmetic.largest(phi + self._e_A + drift, limit))
+        phi = arithmetic.upper(arithmetic.largest(phi + e_A + drift, limit))
         r = arithmetic.number(0.0)
         for n in range(_PATIENCE):
             if phi < limit:
                 return arithmetic.outward(time + n * step)[1]
-            highest = phi + step * self._z + self._e_A  # φ within the step, as it is told
+            highest = phi + step * z + e_A  # φ within the step, as it is told
             above = self.speed_above(highest, self._fastest, self._bounds.a_most, self._offset_most)
             rising = reserve / above
             fall = r * self.speed(self._lowest(phi), self._slowest)
-            phi = arithmetic.upper(phi + step * (self._z - fall))
-            r = -arithmetic.upper(
-                -arithmetic.least(r + step * arithmetic.least(self._k, rising), one)
-            )
+            phi = arithmetic.upper(phi + step * (z - fall))
+            r = -arithmetic.upper(-arithmetic.least(r + step * arithmetic.least(k, rising), one))
         raise ValueError(f"no settling within {_PATIENCE} steps")
 
     def far_time(self, phi: Number, rate: Number, accuracy: float) -> float:
         """Time [s] from φ [rad] where the speed rises with the torque that is left."""
         arithmetic, step = self._arithmetic, self._step
         drift, time = self.stop(rate)
-        phi = arithmetic.upper(phi + self._e_A + drift)
+        phi = arithmetic.upper(phi + self._assumed.e_A + drift)
         limit, sigma = self.settled(accuracy), arithmetic.number(0.0)
         for n in range(_PATIENCE):
             if phi <= limit:
                 return arithmetic.outward(time + n * step)[1]
             fall = self.speed(self._lowest(phi), sigma)
-            phi = arithmetic.upper(phi + step * (self._z - fall))
+            phi = arithmetic.upper(phi + step * (self._law.z_bar - fall))
             risen = arithmetic.least(sigma + step * self._bounds.reserve, self._slowest)
             sigma = -arithmetic.upper(-risen)
         raise ValueError(f"no settling within {_PATIENCE} steps")
@@ -175,29 +168,32 @@ class Envelope:
         ValueError
             The hit may make the craft tumble, or lead out of the tube without being seen as a hit.
         """
-        number, law, bounds = self._arithmetic.number, self._law, self._bounds
+        number, bounds = self._arithmetic.number, self._bounds
+        assumed, law = self._assumed, self._law
         # A torque above this leads out of the tube in one sample, whatever law and tube have
         # against it. Nor does a weak actuator explain it, of which the law would count on less.
-        own = self._assumed.max_torque
-        seen = 3.0 * self._assumed.d + max(
-            max((y + n) / law.h, own + 4.0 * n / law.h) + law.kappa * y
-            for y, n in zip(law.Y, law.N, strict=True)
+        most = self._arithmetic.largest
+        needed = most(
+            *(
+                most((y + n) / law.h, assumed.max_torque + 4 * n / law.h) + law.kappa * y
+                for y, n in zip(law.Y, law.N, strict=True)
+            )
         )
+        seen = self._arithmetic.outward(3 * assumed.d + needed)[1]
         if torque <= seen:
             raise ValueError(
                 f"the law may not recognise a hit of {torque:g} N·m, or take it for a weak "
                 f"actuator: a recovery time is promised only of hits above {seen:.3g} N·m"
             )
-        time = number(duration) + self._h
-        pushed = number(torque) + number(self._assumed.d) + number(self._assumed.max_torque)
-        rate = law.omega0
+        time = number(duration) + law.h
+        pushed = number(torque) + assumed.d + assumed.max_torque
+        rate = float(law.omega0)
         for _ in range(3):  # what is gained at a rate that is known not to be passed
-            fastest = number(rate) + number(self._assumed.W) + self._z
-            feedforward = bounds.feedforward(fastest)
+            feedforward = bounds.feedforward(number(rate) + assumed.W + law.z_bar)
             gained = tuple(
                 (pushed + feedforward[i]) * time
-                + number(law.Y[i])
-                + bounds.body.row[i] * (self._z + bounds.e_w)  # as the law is told
+                + law.Y[i]
+                + bounds.body.row[i] * (law.z_bar + bounds.e_w)  # as the law is told
                 for i in range(3)
             )
             rate = self._arithmetic.outward(bounds.body.box(gained))[1]
@@ -205,14 +201,13 @@ class Envelope:
                 raise ValueError(
                     f"{torque:g} N·m for {duration:g} s may make the craft tumble: it may "
                     f"gain {rate:.3g} rad/s; a recovery time is promised only up to omega0 = "
-                    f"{law.omega0:g} rad/s"
+                    f"{float(law.omega0):g} rad/s"
                 )
-        phi = self._z / self._k + number(rate) * time
-        if bool(phi + self._e_A < number(law.far)) or rate > law.w_far:
+        phi = law.z_bar / law.k + number(rate) * time
+        if phi + assumed.e_A < law.far or rate > law.w_far:
             # The momentum is known by axis, which ends the stop sooner than the rate alone would.
-            left = (number(law.B[i]) - feedforward[i] - bounds.torque_noise[i] for i in range(3))
-            pairs = zip(gained, left, strict=True)
-            stop = self._arithmetic.largest(*(momentum / torque for momentum, torque in pairs))
+            left = (law.B[i] - feedforward[i] - bounds.torque_noise[i] for i in range(3))
+            stop = most(*(momentum / torque for momentum, torque in zip(gained, left, strict=True)))
             rest = self.near_time(phi, rate, accuracy, stop)
         else:
             rest = self.settling(rate, accuracy)
@@ -223,14 +218,14 @@ class Envelope:
 
         `offset` is a²/k².
         """
-        g = self._k * phi
-        if g * self._k > a:
+        g = self._law.k * phi
+        if g * self._law.k > a:
             g = self._arithmetic.sqrt(2 * a * phi - offset)
         return self._arithmetic.least(g, cap)
 
     def _lowest(self, phi: Number) -> Number:
         """φ after a step at the speed of its beginning, which an upper solution does not pass."""
-        fastest = self.speed_above(phi, self._slowest, self._a, self._offset)
+        fastest = self.speed_above(phi, self._slowest, self._bounds.a, self._offset)
         return self._arithmetic.largest(phi - self._step * fastest, self._zero)
 
     def stop(self, rate: Number, known: Number | None = None) -> tuple[Number, Number]:
@@ -241,9 +236,9 @@ class Envelope:
         ValueError
             No torque is left to stop from ‖ω_e‖ = rate [rad/s], and no length [s] is known.
         """
-        speed = self._arithmetic.number(rate)
+        law, speed = self._law, self._arithmetic.number(rate)
         stop = self._bounds.stop_time(speed) if known is None else known
         if stop is None:
-            raise ValueError(f"no torque is left to stop from {rate:g} rad/s")
-        time = stop + 2 * self._h
-        return speed * (stop + self._h) / 2 + self._z * time, time
+            raise ValueError(f"no torque is left to stop from {float(speed):g} rad/s")
+        time = stop + 2 * law.h
+        return speed * (stop + law.h) / 2 + law.z_bar * time, time

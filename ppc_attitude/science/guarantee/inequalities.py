@@ -90,23 +90,22 @@ def _by_axis(
 
 
 def _tube(bounds: Bounds) -> Iterator[Inequality]:
-    number, told = bounds.arithmetic.number, partial(_told, bounds.arithmetic)
+    told = partial(_told, bounds.arithmetic)
     by_axis = partial(_by_axis, told)
-    assumed, law, body = bounds.assumed, bounds.law, bounds.body
+    law, body = bounds.law, bounds.body
     least = 0.0 if body.proved else math.inf
     yield told("C0", least, body.least, "kg·m²", "the moments of inertia are certain", True)
     meaning = "no disturbance within its bound leads out of the tube"
     yield from by_axis("C1", bounds.Y, law.Y, "N·m·s", meaning)
     meaning = "a saturated axis still drives its momentum error back"
     yield from by_axis("C2", law.B, bounds.B, "N·m", meaning)
-    late = number(1.0) + number(assumed.late)
-    more = [number(law.B_ramp) - number(each) for each in law.B]
+    late = 1 + bounds.assumed.late
+    more = [law.B_ramp - each for each in law.B]
     drift = [
-        number(0.0) if each <= 0 else number(n) + number(law.h) * late * each
-        for each, n in zip(more, law.N, strict=True)
+        0.0 if each <= 0 else n + law.h * late * each for each, n in zip(more, law.N, strict=True)
     ]
     meaning = "with a ramp's torque beyond B, y moves by less than half the tube in a sample"
-    yield from by_axis("C2 ramp", drift, [number(y) / 2 for y in law.Y], "N·m·s", meaning)
+    yield from by_axis("C2 ramp", drift, [y / 2 for y in law.Y], "N·m·s", meaning)
     meaning = "feedforward, reference and brake never lack torque"
     yield from by_axis("C3", bounds.load, law.B, "N·m", meaning)
     meaning = "N bounds the error of y that estimation errors cause"
@@ -116,63 +115,62 @@ def _tube(bounds: Bounds) -> Iterator[Inequality]:
 
 
 def _rates(bounds: Bounds) -> Iterator[Inequality]:
-    number, told = bounds.arithmetic.number, partial(_told, bounds.arithmetic)
+    told = partial(_told, bounds.arithmetic)
     assumed, law = bounds.assumed, bounds.law
-    Omega_e, z, h = number(law.Omega_e), number(law.z_bar), number(law.h)
     meaning = "‖ω_s‖ stays below the rate limit after the stop phase"
-    yield told("C4", Omega_e + z + bounds.e_w + h * bounds.V_rate, assumed.Omega, "rad/s", meaning)
+    fastest = law.Omega_e + law.z_bar + bounds.e_w + law.h * bounds.V_rate
+    yield told("C4", fastest, assumed.Omega, "rad/s", meaning)
     meaning = "Φ allows for the largest decrease of V"
     yield told("C4 V'", bounds.V_rate, law.V_rate, "rad/s²", meaning)
     meaning = "Φ allows for the largest decrease of a when the brake's axis turns"
     yield told("C4 a'", bounds.a_rate, law.a_rate, "rad/s³", meaning)
     limit = _STEP_LATE if assumed.late > 0.0 else _STEP
     meaning = "κh: one sample's correction does not overshoot"
-    yield told("C5", number(law.kappa) * h, limit, "", meaning)
+    yield told("C5", law.kappa * law.h, limit, "", meaning)
     if assumed.late > 0.0:
         meaning = "ℓ = 1: the momentum observer is not proved with late commands"
         yield told("C5 ℓ", 1.0, law.ell, "", meaning)
     meaning = "the tube lies within the linear part of the brake"
-    yield told("C6", z, bounds.a / number(law.k), "rad/s", meaning)
+    yield told("C6", law.z_bar, bounds.a / law.k, "rad/s", meaning)
     meaning = "the reference leaves speed to turn with"
-    yield told("C7", 0.0, Omega_e - number(assumed.W), "rad/s", meaning, True)
+    yield told("C7", 0.0, law.Omega_e - assumed.W, "rad/s", meaning, True)
     meaning = "the disturbance estimate alone does not lead out of the tube"
-    yield told("C8", law.d_max, number(law.kappa) * number(min(law.Y)), "N·m", meaning)
+    yield told("C8", law.d_max, law.kappa * min(law.Y), "N·m", meaning)
     meaning = "the estimate may be as large as the disturbance"
     yield told("C8 d", assumed.d, law.d_max, "N·m", meaning)
 
 
 def _phases(bounds: Bounds) -> Iterator[Inequality]:
-    number, told = bounds.arithmetic.number, partial(_told, bounds.arithmetic)
+    told = partial(_told, bounds.arithmetic)
     by_axis = partial(_by_axis, told)
     assumed, law, pi = bounds.assumed, bounds.law, bounds.arithmetic.pi
-    z, k, W = number(law.z_bar), number(law.k), number(assumed.W)
-    a, h = bounds.a_most, number(law.h)
-    slowest = number(law.Omega_e) - W
-    w_far, omega0 = number(law.w_far) + bounds.e_w, number(law.omega0) + bounds.e_w
+    a, h, k, z = bounds.a_most, law.h, law.k, law.z_bar
+    slowest = law.Omega_e - assumed.W
+    w_far, omega0 = law.w_far + bounds.e_w, law.omega0 + bounds.e_w
 
     start = bounds.cruise_start()
     meaning = "a cruise reaches its speed before it has to brake"
     yield told("C9", math.inf if start is None else start, law.far, "rad", meaning)
     yield told("C9 w", w_far, slowest, "rad/s", "a cruise begins below its least speed")
 
-    time = bounds.stop_time(number(law.w_far))
+    time = bounds.stop_time(law.w_far)
     turned = math.inf if time is None else bounds.nu_stop * w_far * (time + h)
     meaning = "the axis turns so little in the stop phase that rates do not add up"
     yield told("C9 n", turned, 1.0, "rad", meaning)
 
     meaning = "torque is left to stop from every rate up to omega0"
-    yield from by_axis("C10", bounds.feedforward(omega0 + W + z), law.B, "N·m", meaning, True)
+    needed = bounds.feedforward(omega0 + assumed.W + z)
+    yield from by_axis("C10", needed, law.B, "N·m", meaning, True)
     meaning = "F varies no more within a sample of the stop phase than later"
     yield from by_axis("C11", bounds.variation_at_stop, bounds.variation, "N·m", meaning)
-    stop = bounds.stop_time(number(law.omega0))
+    stop = bounds.stop_time(law.omega0)
     overshoot = math.inf
     if stop is not None and bounds.reserve > 0:
-        overshoot = pi + number(assumed.lead) + number(assumed.e_A)
+        overshoot = pi + assumed.lead + assumed.e_A
         overshoot = overshoot + omega0 * (stop + h) / 2 + z * (stop + 2 * h + z / bounds.reserve)
     meaning = "the largest turn and the stop stay in the range of cells"
     yield told("C12", overshoot, pi + LARGEST, "rad", meaning)
     meaning = "the cap of the speed does not act where the brake is linear"
-    limit = number(0.75) * slowest - 2 * h * number(law.V_rate)
-    yield told("C13", a / k, limit, "rad/s", meaning)
+    yield told("C13", a / k, 0.75 * slowest - 2 * h * law.V_rate, "rad/s", meaning)
     meaning = "the linear part of the brake ends below 1 rad"
     yield told("C13 φ1", a / (k * k), 1.0, "rad", meaning)
