@@ -29,7 +29,7 @@ from ppc_attitude.science.controllers.tube_parameters import PARAMETERS
 from ppc_attitude.science.guarantee import known_reference
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, assumptions_of, law_of
-from ppc_attitude.science.guarantee.body import body_of
+from ppc_attitude.science.guarantee.body import Body
 from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import FINE, Speed, cells
 
@@ -98,7 +98,7 @@ def test_no_random_motion_bends_more_than_its_bound(motions: int) -> None:
     """‖v''‖ along random motions of the error, by differences, against that of C1's δF."""
     assumed, law = guaranteed()
     J, A = np.array(assumed.inertia).reshape(3, 3), 0.05
-    least, most = body_of(assumed, FLOATS).brakes(law.brake, law.a_most)
+    least, most = Body(assumed, FLOATS).brakes(law.brake, law.a_most)
     rates = (law.Omega_e, assumed.W, assumed.W1, assumed.W2, law.z_bar)
     speed = Speed(law.k, least, most, *rates, 0.0, 0.0, FLOATS)
     found = cells(speed, law.Omega_e - assumed.W, FINE)

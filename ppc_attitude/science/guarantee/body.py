@@ -14,11 +14,10 @@
 
 """Bounds that follow from the craft alone: inertia, gyroscopic torque, tumbling, boxes."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import reduce
 from itertools import product
-from operator import add
+from operator import add, mul
 
 import numpy as np
 
@@ -32,47 +31,39 @@ _PADDING = 1e-9  # relative, of eigenvalues from LAPACK; proved afterwards
 Numbers = tuple[Number, ...]
 
 
-@dataclass(frozen=True)
 class Body:
-    """Inertia in one arithmetic.
+    """Bounds of the inertia Ĵ that the law knows, in one arithmetic."""
 
-    Attributes
-    ----------
-    inertia : tuple of 3 rows
-        Ĵ [kg·m²].
-    inverse : tuple of 3 rows
-        Ĵ⁻¹, by Cramer's rule.
-    row : tuple of 3
-        R_i, norms of the rows of Ĵ.
-    spread : tuple of 3
-        G_i: |(ω × Ĵω)_i| ≤ G_i ‖ω‖².
-    least, most : number
-        Below and above every principal moment.
-    proved : bool
-        True if `least` and `most` are certain, by Sylvester's criterion.
-    diagonal : bool
-        True if Ĵ has no products.
-    arithmetic : Arithmetic
-        Arithmetic of all these numbers.
-    """
-
-    inertia: tuple[Numbers, ...]
-    inverse: tuple[Numbers, ...]
-    row: Numbers
-    spread: Numbers
-    least: Number
-    most: Number
-    proved: bool
-    diagonal: bool
-    arithmetic: Arithmetic
+    def __init__(self, assumed: Assumptions, arithmetic: Arithmetic) -> None:
+        number = arithmetic.number
+        m = [[number(assumed.inertia[3 * i + j]) for j in range(3)] for i in range(3)]
+        moments = np.linalg.eigvalsh(np.reshape(assumed.inertia, (3, 3)))
+        self.arithmetic, self.diagonal = arithmetic, assumed.diagonal
+        # [kg·m²] Below and above every principal moment; `proved` says whether that is certain.
+        self.least = least = number(float(moments[0]) * (1.0 - _PADDING))
+        self.most = most = number(float(moments[2]) * (1.0 + _PADDING))
+        above, below = (
+            [[sign * (m[i][j] - (end if i == j else 0)) for j in range(3)] for i in range(3)]
+            for sign, end in ((1, least), (-1, most))
+        )
+        self.proved = _positive(above) and _positive(below)
+        # [kg·m²] R_i, norms of the rows, and G_i: |(ω × Ĵω)_i| ≤ G_i ‖ω‖².
+        self.row = tuple(arithmetic.sqrt(_dot(line, line)) for line in m)
+        self.spread = ((most - least) / 2,) * 3
+        if self.diagonal:
+            pairs = ((1, 2), (2, 0), (0, 1))
+            self.spread = tuple(0.5 * abs(m[j][j] - m[k][k]) for j, k in pairs)
+        determinant, cofactors = _cofactors(m)
+        # Rows of Ĵ⁻¹, by Cramer's rule.
+        self._inverse = [[cofactors[j][i] / determinant for j in range(3)] for i in range(3)]
 
     def box(self, half: Numbers) -> Number:
         """Largest ‖Ĵ⁻¹y‖ over |y_i| ≤ half_i: at a vertex, the norm being convex."""
         norms = []
         for signs in product((1, -1), repeat=2):
             y = (half[0], signs[0] * half[1], signs[1] * half[2])
-            z = [sum_of(m * each for m, each in zip(line, y, strict=True)) for line in self.inverse]
-            norms.append(self.arithmetic.sqrt(sum_of(each * each for each in z)))
+            z = [_dot(line, y) for line in self._inverse]
+            norms.append(self.arithmetic.sqrt(_dot(z, z)))
         return self.arithmetic.largest(*norms)
 
     def brakes(self, torque: Numbers, most: Number) -> tuple[Number, Number]:
@@ -92,7 +83,7 @@ class Body:
         shares = [row / each for row, each in zip(self.row, torque, strict=True)]
         norm = arithmetic.largest(*shares)
         if not self.diagonal:
-            together = arithmetic.sqrt(sum_of(each * each for each in shares))
+            together = arithmetic.sqrt(_dot(shares, shares))
             norm = norm * _root(together / norm, _HALVINGS - 1, arithmetic)
         return at(norm), at(1 / self.box(torque))
 
@@ -101,9 +92,9 @@ class Body:
         return self.arithmetic.sqrt(self.most / self.least) * e_S / (1 - e_S)
 
 
-def sum_of(values: Iterable[Number]) -> Number:
-    """Add numbers of any arithmetic one by one; `sum` of floats is compensated in Python 3.12."""
-    return reduce(add, values, 0)
+def _dot(a: Sequence[Number], b: Sequence[Number]) -> Number:
+    """Add products one by one, unlike `sum`, which compensates floats from Python 3.12 on."""
+    return reduce(add, map(mul, a, b))
 
 
 def _root(x: Number, halvings: int, arithmetic: Arithmetic) -> Number:
@@ -111,36 +102,6 @@ def _root(x: Number, halvings: int, arithmetic: Arithmetic) -> Number:
     for _ in range(halvings):
         x = arithmetic.sqrt(x)
     return x
-
-
-def body_of(assumed: Assumptions, arithmetic: Arithmetic) -> Body:
-    """Bounds of the inertia that the law knows."""
-    number, sqrt = arithmetic.number, arithmetic.sqrt
-    m = [[number(assumed.inertia[3 * i + j]) for j in range(3)] for i in range(3)]
-    determinant, cofactors = _cofactors(m)
-    inverse = [[cofactors[j][i] / determinant for j in range(3)] for i in range(3)]
-    moments = np.linalg.eigvalsh(np.array(assumed.inertia).reshape(3, 3))
-    least = number(float(moments[0]) * (1.0 - _PADDING))
-    most = number(float(moments[2]) * (1.0 + _PADDING))
-    if assumed.diagonal:
-        pairs = ((1, 2), (2, 0), (0, 1))
-        half = number(0.5)
-        spread = [half * abs(m[j][j] - m[k][k]) for j, k in pairs]
-    else:
-        spread = [(most - least) / 2] * 3
-    above = [[(least if i == j else 0) * -1 + m[i][j] for j in range(3)] for i in range(3)]
-    below = [[(most if i == j else 0) - m[i][j] for j in range(3)] for i in range(3)]
-    return Body(
-        inertia=tuple(map(tuple, m)),
-        inverse=tuple(map(tuple, inverse)),
-        row=tuple(sqrt(sum_of(each * each for each in line)) for line in m),
-        spread=tuple(spread),
-        least=least,
-        most=most,
-        proved=_positive(above) and _positive(below),
-        diagonal=assumed.diagonal,
-        arithmetic=arithmetic,
-    )
 
 
 def _cofactors(m: list[list[Number]]) -> tuple[Number, list[list[Number]]]:
@@ -152,7 +113,7 @@ def _cofactors(m: list[list[Number]]) -> tuple[Number, list[list[Number]]]:
         ]
         for i in range(3)
     ]
-    return sum_of(m[0][j] * table[0][j] for j in range(3)), table
+    return _dot(m[0], table[0]), table
 
 
 def _positive(m: list[list[Number]]) -> bool:

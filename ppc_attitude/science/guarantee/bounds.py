@@ -20,7 +20,7 @@ from ppc_attitude.science.controllers.brake import BLEND
 from ppc_attitude.science.controllers.tube_parameters import observer_spread
 from ppc_attitude.science.guarantee.arithmetic import Arithmetic, Number
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, exact
-from ppc_attitude.science.guarantee.body import Numbers, body_of
+from ppc_attitude.science.guarantee.body import Body, Numbers
 from ppc_attitude.science.guarantee.cells import (
     FINE,
     LARGEST,
@@ -98,7 +98,7 @@ class Bounds:
     def __init__(
         self, assumed: Assumptions, law: Law, arithmetic: Arithmetic, count: Cells = FINE
     ) -> None:
-        self.body = body = body_of(assumed, arithmetic)
+        self.body = body = Body(assumed, arithmetic)
         self.assumed, self.law = assumed, law = exact(assumed, arithmetic), exact(law, arithmetic)
         self.arithmetic, most, e_S = arithmetic, arithmetic.largest, assumed.e_S
         # [s] of F while it acts, in the mean

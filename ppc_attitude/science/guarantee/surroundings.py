@@ -35,7 +35,7 @@ from ppc_attitude.science.guarantee.actuation import (
 )
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
-from ppc_attitude.science.guarantee.body import body_of
+from ppc_attitude.science.guarantee.body import Body
 from ppc_attitude.science.guarantee.fixed_point import TUMBLING
 from ppc_attitude.science.guarantee.nodes import HARDWARE, KNOWN, Nodes
 from ppc_attitude.science.inertia import inertia_error
@@ -236,7 +236,7 @@ def _rate_lag(nodes: Nodes, assumed: Assumptions, fastest: float) -> float:
     """
     if not nodes.estimated:
         return 0.0
-    body = body_of(assumed, FLOATS)
+    body = Body(assumed, FLOATS)
     squared = fastest**2
     torque = assumed.max_torque + assumed.d + assumed.e_S * body.most * squared
     turned = body.box(tuple(torque + each * squared for each in body.spread))
