@@ -37,30 +37,18 @@ _Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Speed:
-    """The numbers that bound V, a and their derivatives, in one arithmetic.
+    """The numbers that bound V, a and their derivatives, in one arithmetic."""
 
-    Attributes
-    ----------
-    k, a, a_most : number
-        Brake: its slope, and the least and the largest deceleration.
-    Omega_e, W, W1, W2 : number
-        Largest commanded rate, and bounds of the reference.
-    z : number
-        z̄ [rad/s].
-    e_A, e_w : number
-        Errors of attitude [rad] and of ω_e [rad/s].
-    """
-
-    k: Number
-    a: Number
-    a_most: Number
-    Omega_e: Number
-    W: Number
-    W1: Number
-    W2: Number
-    z: Number
-    e_A: Number
-    e_w: Number
+    k: Number  # [1/s] slope of the brake
+    a: Number  # [rad/s²] its least deceleration
+    a_most: Number  # [rad/s²] its largest deceleration
+    Omega_e: Number  # [rad/s] largest commanded rate
+    W: Number  # [rad/s] bounds of the reference
+    W1: Number  # [rad/s²]
+    W2: Number  # [rad/s³]
+    z: Number  # [rad/s] z̄
+    e_A: Number  # [rad] error of the attitude
+    e_w: Number  # [rad/s] error of ω_e
     arithmetic: Arithmetic
 
     @cached_property
@@ -73,13 +61,26 @@ class Speed:
         """1 + W/Ω_e, the largest |∂V/∂b|."""
         return 1 + self.W / self.Omega_e
 
+    def b_rate(self, nu: Number) -> Number:
+        """Bound of |b'|, b = n·ω_d, where ν is the largest 1/(2 sin(φ/2))."""
+        return self.W1 + nu * self.z * self.W
+
     def rate(self, nu: Number) -> Number:
-        """V̄': bound of |V'| where ν is the largest 1/(2 sin(φ/2))."""
-        return self.gain * (self.W1 + nu * self.z * self.W) + self.W * self.W1 / self.root
+        """V̄': bound of |V'|."""
+        return self.gain * self.b_rate(nu) + self.W * self.W1 / self.root
+
+    def rate_error(self, nu: Number, n_error: Number) -> Number:
+        """Bound of the change of V' with the estimation errors, which change n' by `n_error`."""
+        b_error = self.W * nu * self.e_A
+        return (
+            self.gain * (nu * self.e_A * self.W1 + self.W * n_error)
+            + self.b_rate(nu) * b_error / self.root
+            + self.W * self.W1 * self.W / self.Omega_e * b_error / (self.root * self.root)
+        )
 
     def second_rate(self, nu: Number, n_second: Number) -> Number:
         """V̄'': bound of |V''|, with the bound of ‖n''‖."""
-        b_rate = self.W1 + nu * self.z * self.W
+        b_rate = self.b_rate(nu)
         b_second = self.W2 + 2 * nu * self.z * self.W1 + n_second * self.W
         product_rate = self.W1 * self.W1 + self.W * self.W2
         root_rate = self.W / self.Omega_e * b_rate + self.W * self.W1 / self.root
@@ -104,43 +105,19 @@ class Speed:
 
 @dataclass(frozen=True)
 class Cell:
-    """Largest values on one cell of φ, V and a (or on φ ≤ φ1).
+    """Largest values on one cell of φ, V and a (or on φ ≤ φ1)."""
 
-    Attributes
-    ----------
-    a, a_most : number
-        The least and the largest deceleration of the brake [rad/s²].
-    brake : number
-        f f_φ/a, at most 1: the fraction of the brake that acts.
-    drift : number
-        f_φ z̄ + f_V V̄' + f_a ā' [rad/s²]: the part of f' that comes from tube and reference.
-    turn : number
-        λ z̄ [rad/s²].
-    speed : number
-        ‖ω_e‖ [rad/s].
-    second : number
-        ‖v''‖ without A and ramps [rad/s³].
-    lever : number
-        Factor of A = sup ‖ω_e'‖ in ‖v''‖ [1/s].
-    ramp : number
-        ‖(f n)'‖ [rad/s²].
-    lipschitz : number
-        Change of v with the attitude [1/s].
-    error : number
-        Change of v' with estimation errors [rad/s²].
-    """
-
-    a: Number
-    a_most: Number
-    brake: Number
-    drift: Number
-    turn: Number
-    speed: Number
-    second: Number
-    lever: Number
-    ramp: Number
-    lipschitz: Number
-    error: Number
+    a: Number  # [rad/s²] the least deceleration of the brake
+    a_most: Number  # [rad/s²] the largest one
+    brake: Number  # f f_φ/a, at most 1: the fraction of the brake that acts
+    drift: Number  # [rad/s²] f_φ z̄ + f_V V̄' + f_a ā': what tube and reference add to f'
+    turn: Number  # [rad/s²] λ z̄
+    speed: Number  # [rad/s] ‖ω_e‖
+    second: Number  # [rad/s³] ‖v''‖ without A and ramps
+    lever: Number  # [1/s] factor of A = sup ‖ω_e'‖ in ‖v''‖
+    ramp: Number  # [rad/s²] ‖(f n)'‖
+    lipschitz: Number  # [1/s] change of v with the attitude
+    error: Number  # [rad/s²] change of v' with estimation errors
 
     def needed(self, row: Number, torque: Number, arithmetic: Arithmetic) -> Number:
         """Torque [N·m] on an axis for v' without ramps, where the brake itself has `torque`.
@@ -298,6 +275,8 @@ def _cell(speed: Speed, phi: _Range, cap: _Range, brake: _Range) -> Cell:
         + 2 * f_rate * n_rate
         + f * n_second
     )
+    # How f changes with n, through V and through a.
+    by_cap, by_a = f_cap * speed.gain * speed.W * nu, f_a * speed.brake_rate(a, nu)
     e_cap = speed.gain * speed.W * nu * e_A
     e_a = speed.brake_rate(a, nu * e_A)
     n_error = axis_error(nu, cotangent, z, rate + e_w, e_A, e_w)
@@ -311,12 +290,9 @@ def _cell(speed: Speed, phi: _Range, cap: _Range, brake: _Range) -> Cell:
         turn=lam * z,
         speed=rate,
         second=second,
-        lever=_largest_gain(f_phi, f_a * speed.brake_rate(a, nu), lam, arithmetic)
-        + f_cap * speed.gain * speed.W * nu,
+        lever=_largest_gain(f_phi, by_a, lam, arithmetic) + by_cap,
         ramp=arithmetic.sqrt(f_rate * f_rate + lam * z * lam * z),
-        lipschitz=largest(f_phi, lam)
-        + f_cap * speed.gain * speed.W * nu
-        + f_a * speed.brake_rate(a, nu),
+        lipschitz=largest(f_phi, lam) + by_cap + by_a,
         error=f_phi * e_w
         + e_A * (f_phi_phi * rate + nu * f_phi * (rate + 2 * z))
         + f * n_error
@@ -326,19 +302,7 @@ def _cell(speed: Speed, phi: _Range, cap: _Range, brake: _Range) -> Cell:
         + f_a * e_a_rate
         + e_cap * (f_phi_cap * rate + f_cap * n_rate + f_cap_cap * cap_rate)
         + e_A * cap_rate * (f_phi_cap + f_cap * nu)
-        + f_cap * _cap_rate_error(speed, nu, n_error),
-    )
-
-
-def _cap_rate_error(speed: Speed, nu: Number, n_error: Number) -> Number:
-    """Bound of the change of V' with the estimation errors, which change n' by `n_error`."""
-    b_error = speed.W * nu * speed.e_A
-    b_rate = speed.W1 + nu * speed.z * speed.W
-    root = speed.root
-    return (
-        speed.gain * (nu * speed.e_A * speed.W1 + speed.W * n_error)
-        + b_rate * b_error / root
-        + speed.W * speed.W1 * speed.W / speed.Omega_e * b_error / (root * root)
+        + f_cap * speed.rate_error(nu, n_error),
     )
 
 
