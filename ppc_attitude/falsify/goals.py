@@ -38,24 +38,12 @@ _UNITS = {"settling": "s", "terminal": "", "rate": "deg/s"}  # of goals that are
 
 @dataclass(frozen=True)
 class Goal:
-    """One quantity of a run.
+    """One quantity of a run."""
 
-    Attributes
-    ----------
-    name : str
-        ``settling``, ``terminal``, ``rate``, or a column that has a bound.
-    accuracy : float
-        Settled means |q_ev,i| below this.
-    after : float
-        Instants before this are not judged [s].
-    rate : float
-        Rate that no run should pass [deg/s].
-    """
-
-    name: str
-    accuracy: float = SETTLED
-    after: float = 0.0
-    rate: float = RATE
+    name: str  # `settling`, `terminal`, `rate`, or a column that has a bound
+    accuracy: float = SETTLED  # settled means |q_ev,i| below this
+    after: float = 0.0  # [s] instants before this are not judged
+    rate: float = RATE  # [deg/s] that no run should pass
 
     @property
     def has_accuracy(self) -> bool:

@@ -49,21 +49,11 @@ _SAME = 1e-6  # relative: on another processor the last digits differ
 
 @dataclass(frozen=True)
 class Found:
-    """The state of a search.
+    """The state of a search."""
 
-    Attributes
-    ----------
-    runs : int
-        How many runs were evaluated.
-    value : float
-        Largest value of the goal.
-    x : ndarray
-        The choice that gave it.
-    """
-
-    runs: int
-    value: float
-    x: Array
+    runs: int  # how many were evaluated
+    value: float  # largest value of the goal
+    x: Array  # the choice that gave it
 
 
 class Search:

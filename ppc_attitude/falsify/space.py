@@ -46,35 +46,17 @@ _CRAFT = 9
 class Space:
     """Bounds of what the adversary may choose about a scenario.
 
-    Attributes
-    ----------
-    base : Scenario
-        What it leaves as it is; its plant's `duration` is the length of every run.
-    rate : float
-        Largest ‖ω_s‖ at the start [rad/s].
-    disturbance : float
-        Bound of the torque that stands in place of the environment's, per axis [N·m].
-    pieces : int
-        Into how many pieces of constant torque it is cut; 0: the environment acts as configured.
-        Sudden disturbances of the scenario act in either case.
-    e_S : float
-        Largest relative error of the inertia, about any axis.
-    eta : float
-        Least share of its torque limit that the actuator has.
-    begin : float
-        Latest instant of the paper's reference at which a run begins [s].
-    late : bool
-        True if commands may act a sample late.
+    Sudden disturbances of the scenario act in any case.
     """
 
-    base: Scenario
-    rate: float
-    disturbance: float
-    pieces: int
-    e_S: float
-    eta: float
-    begin: float = 0.0
-    late: bool = False
+    base: Scenario  # what it leaves as it is; its plant's `duration` is the length of every run
+    rate: float  # [rad/s] largest ‖ω_s‖ at the start
+    disturbance: float  # [N·m] bound of the torque in place of the environment's, per axis
+    pieces: int  # of constant torque into which it is cut; 0: the environment acts as configured
+    e_S: float  # largest relative error of the inertia, about any axis
+    eta: float  # least share of its torque limit that the actuator has
+    begin: float = 0.0  # [s] latest instant of the paper's reference at which a run begins
+    late: bool = False  # whether commands may act a sample late
 
     def __post_init__(self) -> None:
         """See that the components have what is to be chosen, and accept its extremes."""

@@ -43,30 +43,14 @@ Floats = NDArray[np.float64]
 
 
 class Actuation(NamedTuple):
-    """An actuator and its effect on the body.
+    """An actuator and its effect on the body."""
 
-    Attributes
-    ----------
-    told : str
-        Description of `torque` for the user.
-    torque : float
-        Largest torque that it can give on each axis at once [N·m].
-    dead_band : float
-        Smallest command to which it responds [N·m].
-    late : bool
-        True if a command acts one sample late.
-    rest : float
-        Bound of the residual torque beside the command, per axis [N·m].
-    inertia : ndarray, shape (3, 3)
-        Inertia of the rigid body that it turns [kg·m²].
-    """
-
-    told: str
-    torque: float
-    dead_band: float
-    late: bool
-    rest: float
-    inertia: Floats
+    told: str  # description of `torque` for the user
+    torque: float  # [N·m] largest that it can give on each axis at once
+    dead_band: float  # [N·m] smallest command to which it responds
+    late: bool  # whether a command acts one sample late
+    rest: float  # [N·m] bound of the residual torque beside the command, per axis
+    inertia: Floats  # [kg·m²] of the rigid body that it turns, shape (3, 3)
 
 
 def has_wheels(plant: Mapping[str, Any]) -> bool:

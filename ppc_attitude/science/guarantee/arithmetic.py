@@ -30,33 +30,17 @@ Number: TypeAlias = Any  # float, or a library's interval: an operand of + − �
 
 
 class Arithmetic(NamedTuple):
-    """What formulas need beyond operators; a comparison of its numbers is true only if certain.
-
-    Attributes
-    ----------
-    pi : number
-        π.
-    number : callable
-        Converts a float exactly.
-    sqrt, sin, cos : callable
-        Functions of a number.
-    largest, least : callable
-        Largest and least of some numbers.
-    upper : callable
-        Upper end of a number: a number without width.
-    outward : callable
-        Returns floats below and above a number.
-    """
+    """What formulas need beyond operators; a comparison of its numbers is true only if certain."""
 
     pi: Number
-    number: Callable[[float], Number]
+    number: Callable[[float], Number]  # converts exactly
     sqrt: Callable[[Number], Number]
     sin: Callable[[Number], Number]
     cos: Callable[[Number], Number]
-    largest: Callable[..., Number]
+    largest: Callable[..., Number]  # of some numbers
     least: Callable[..., Number]
-    upper: Callable[[Number], Number]
-    outward: Callable[[Number], tuple[float, float]]
+    upper: Callable[[Number], Number]  # upper end: a number without width
+    outward: Callable[[Number], tuple[float, float]]  # floats below and above
 
 
 FLOATS = Arithmetic(

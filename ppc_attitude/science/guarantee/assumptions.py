@@ -26,49 +26,23 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Assumptions:
-    """The craft, its actuator, disturbance, reference and measurement, as far as they are known.
+    """The craft, its actuator, disturbance, reference and measurement, as far as they are known."""
 
-    Attributes
-    ----------
-    inertia : tuple of 9 float
-        Ĵ, row-major, as the law knows it [kg·m²].
-    max_torque, dead_band : float
-        Actuator limit per axis, and command below which it gives no torque [N·m].
-    d : float
-        Bound of the disturbance torque per axis [N·m].
-    momentum : float
-        Bound of the momentum ‖Jω + h‖ of craft and wheels [N·m·s].
-    W, W1, W2 : float
-        Bounds of ‖ω_d‖ [rad/s], ‖ω_d'‖ [rad/s²] and ‖ω_d''‖ [rad/s³].
-    Omega : float
-        Rate limit of the craft [rad/s].
-    eta : float
-        Least fraction of the command that the actuator gives.
-    e_S : float
-        Relative error of the inertia, ‖S‖.
-    e_A, e_W : float
-        Estimation errors of attitude [rad] and rate [rad/s].
-    late : float
-        1 if a command may act up to a sample late, else 0.
-    lead : float
-        Largest angle beyond half a turn by which the law may go round [rad].
-    """
-
-    inertia: tuple[float, ...]
-    max_torque: float
-    dead_band: float
-    d: float
-    momentum: float
-    W: float
-    W1: float
-    W2: float
-    Omega: float
-    eta: float
-    e_S: float
-    e_A: float
-    e_W: float
-    late: float
-    lead: float = 0.0
+    inertia: tuple[float, ...]  # [kg·m²] Ĵ, row-major, as the law knows it
+    max_torque: float  # [N·m] actuator limit per axis
+    dead_band: float  # [N·m] command below which the actuator gives no torque
+    d: float  # [N·m] bound of the disturbance torque per axis
+    momentum: float  # [N·m·s] bound of ‖Jω + h‖ of craft and wheels
+    W: float  # [rad/s] bound of ‖ω_d‖
+    W1: float  # [rad/s²] bound of ‖ω_d'‖
+    W2: float  # [rad/s³] bound of ‖ω_d''‖
+    Omega: float  # [rad/s] rate limit of the craft
+    eta: float  # least fraction of the command that the actuator gives
+    e_S: float  # relative error of the inertia, ‖S‖
+    e_A: float  # [rad] estimation error of the attitude
+    e_W: float  # [rad/s] estimation error of the rate
+    late: float  # 1 if a command may act up to a sample late, else 0
+    lead: float = 0.0  # [rad] largest angle beyond half a turn by which the law may go round
 
     @property
     def diagonal(self) -> bool:

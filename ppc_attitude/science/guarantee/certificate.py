@@ -34,43 +34,21 @@ ACCURACY = 5e-3  # of |q_ev,i|
 
 @dataclass(frozen=True)
 class Promise:
-    """One guaranteed settling time.
+    """One guaranteed settling time."""
 
-    Attributes
-    ----------
-    rate : float
-        Largest ‖ω_s‖ at the start for which it holds [deg/s].
-    time : float
-        Time from which |q_ev,i| stays below the accuracy, for every initial attitude [s].
-    """
-
-    rate: float
-    time: float
+    rate: float  # [deg/s] largest ‖ω_s‖ at the start for which it holds
+    time: float  # [s] from which |q_ev,i| stays below the accuracy, for every initial attitude
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """Every inequality of the theorem, proved or not, and what follows.
+    """Every inequality of the theorem, proved or not, and what follows."""
 
-    Attributes
-    ----------
-    digest : str
-        `digest_of` the certified parameters.
-    accuracy : float
-        Settled means |q_ev,i| below this.
-    inequalities : tuple of Inequality
-        C0 to C13.
-    promises : tuple of Promise
-        Empty if an inequality fails.
-    terminal_error : float
-        Final bound of |q_ev,i|, for any disturbance within its bound.
-    """
-
-    digest: str
-    accuracy: float
-    inequalities: tuple[Inequality, ...]
-    promises: tuple[Promise, ...]
-    terminal_error: float
+    digest: str  # `digest_of` the certified parameters
+    accuracy: float  # settled means |q_ev,i| below this
+    inequalities: tuple[Inequality, ...]  # C0 to C13
+    promises: tuple[Promise, ...]  # empty if an inequality fails
+    terminal_error: float  # final bound of |q_ev,i|, for any disturbance within its bound
 
     @property
     def holds(self) -> bool:

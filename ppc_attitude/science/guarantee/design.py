@@ -49,47 +49,23 @@ _WORTHWHILE = 0.05  # [s] of settling time for which the search goes on
 
 @dataclass(frozen=True)
 class Wishes:
-    """The user's wishes.
+    """The user's wishes."""
 
-    Attributes
-    ----------
-    accuracy : float
-        Settled means |q_ev,i| < accuracy; the tube must allow it for ever.
-    rate : float
-        ‖ω_s‖ at the start for which the time is minimised [rad/s].
-    time : float
-        Longest settling time [s].
-    torque_noise : float
-        Largest RMS torque on an axis from measurement noise [N·m].
-    attitude_noise, rate_noise : float
-        Standard deviations of the measurement, per axis [rad], [rad/s].
-    """
-
-    accuracy: float = 5e-3
-    rate: float = math.radians(1.0)
-    time: float = math.inf
-    torque_noise: float = math.inf
-    attitude_noise: float = 0.0
-    rate_noise: float = 0.0
+    accuracy: float = 5e-3  # settled means |q_ev,i| below this; the tube must allow it for ever
+    rate: float = math.radians(1.0)  # [rad/s] ‖ω_s‖ at the start for which the time is minimised
+    time: float = math.inf  # [s] longest settling time
+    torque_noise: float = math.inf  # [N·m] largest RMS on an axis from measurement noise
+    attitude_noise: float = 0.0  # [rad] standard deviation of the measurement, per axis
+    rate_noise: float = 0.0  # [rad/s] of the rate
 
 
 @dataclass(frozen=True)
 class Design:
-    """A law and its guarantee, not yet proved.
-
-    Attributes
-    ----------
-    law : Law
-        Its numbers.
-    settling : float
-        Guaranteed settling time for the wished rate [s].
-    torque_noise : float
-        RMS torque on the worst axis from the measurement noise [N·m].
-    """
+    """A law and its guarantee, not yet proved."""
 
     law: Law
-    settling: float
-    torque_noise: float
+    settling: float  # [s] guaranteed settling time for the wished rate
+    torque_noise: float  # [N·m] RMS on the worst axis from the measurement noise
 
 
 class UnwishedError(ValueError):

@@ -30,28 +30,14 @@ _STEP, _STEP_LATE = 0.9, 0.4
 
 @dataclass(frozen=True)
 class Inequality:
-    """One inequality: left ≤ right, or left < right where `strict`.
+    """One inequality: left ≤ right, or left < right where `strict`."""
 
-    Attributes
-    ----------
-    name : str
-        C0 to C13, with the axis where there is one for each axis.
-    left, right : tuple of 2 float
-        Both sides, from below and from above.
-    unit : str
-        Unit of both sides.
-    holds : bool
-        True if it is certain in the arithmetic that evaluated it.
-    meaning : str
-        Meaning of the inequality, for the user.
-    """
-
-    name: str
-    left: tuple[float, float]
+    name: str  # C0 to C13, with the axis where there is one for each axis
+    left: tuple[float, float]  # from below and from above
     right: tuple[float, float]
-    unit: str
-    holds: bool
-    meaning: str
+    unit: str  # of both sides
+    holds: bool  # whether it is certain in the arithmetic that evaluated it
+    meaning: str  # for the user
 
     @property
     def room(self) -> float:

@@ -77,18 +77,10 @@ ORDER = record_type(
 
 
 class Orders(NamedTuple):
-    """Orders to the reference.
+    """Orders to the reference."""
 
-    Attributes
-    ----------
-    listed : ndarray of dtype ORDER
-        The orders, by their stamps.
-    profiles : ndarray of dtype POINTS
-        The timed profiles, to which orders refer by number.
-    """
-
-    listed: NDArray[Any]
-    profiles: NDArray[Any]
+    listed: NDArray[Any]  # dtype `ORDER`, by their stamps
+    profiles: NDArray[Any]  # dtype `POINTS`: timed profiles, to which orders refer by number
 
 
 def goal_order(stamp_ns: int, frame: str, attitude: Sequence[float]) -> NDArray[Any]:

@@ -26,21 +26,11 @@ _GOAL, _CONE = "goal in inertial axes", "keep-out cone "
 
 
 class Cone(NamedTuple):
-    """A keep-out cone at an instant.
+    """A keep-out cone at an instant."""
 
-    Attributes
-    ----------
-    axis : tuple of 3 floats
-        Unit vector that must stay away, body axes.
-    direction : tuple of 3 floats
-        Unit vector that it must stay away from, inertial axes.
-    half_angle : float
-        Least allowed angle between the two [rad].
-    """
-
-    axis: Vector
-    direction: Vector
-    half_angle: float
+    axis: Vector  # unit vector that must stay away, body axes
+    direction: Vector  # unit vector that it must stay away from, inertial axes
+    half_angle: float  # [rad] least allowed angle between the two
 
 
 class Scene(NamedTuple):
