@@ -163,7 +163,7 @@ def _brake_to_stand(
     plan = state.plans[state.active]
     if plan.frame == INERTIAL and t >= plan.end:
         return True, motion[0]
-    found = append_brake(trial, INERTIAL, t, motion, guidance.limits, guidance.sky, state.look)
+    found = append_brake(trial, INERTIAL, t, motion, guidance, state.look)
     return found, end_attitude(trial) if found else motion[0]
 
 
@@ -190,8 +190,7 @@ def _approach(t: float, trial: Any, motion: Motion, guidance: Any, state: Any) -
     """Fill a plan with brake and turn to its goal, whatever cones are in the way."""
     plan = state.plans[state.active]
     at_rest = plan.frame == INERTIAL and trial.frame == INERTIAL and t >= plan.end
-    limits, sky = guidance.limits, guidance.sky
-    found = append_approach(trial, t, motion, at_rest, limits, sky, state.look)
+    found = append_approach(trial, t, motion, at_rest, guidance, state.look)
     return ACCEPTED if found else no_slew(guidance, state)
 
 
@@ -204,9 +203,9 @@ def _detour(
     A goal in a moving frame is planned to where it is at arrival. The cones are taken where they
     are now, or `ahead`, at arrival. Both are found by fixed-point rounds from a first guess [s].
     """
-    limits, sky, look, cones = guidance.limits, guidance.sky, state.look, guidance.cones
+    limits, cones, look = guidance.limits, guidance.cones, state.look
     moving = trial.frame != INERTIAL
-    directions = directions_at(t, cones, sky, look.now)
+    directions = directions_at(t, guidance, look.now)
     inside = cones_around(motion[0], cones, directions)
     state.inside = inside
     found, stand = _brake_to_stand(t, trial, motion, guidance, state)
@@ -219,9 +218,9 @@ def _detour(
     for _ in range(_ROUNDS if moving or ahead else 1):
         if moving:
             look.ahead = look.now
-            goal = goal_at(arrival, trial, sky, look.ahead)
+            goal = goal_at(arrival, trial, guidance.sky, look.ahead)
         if ahead:
-            directions = directions_at(arrival, cones, sky, look.ahead)
+            directions = directions_at(arrival, guidance, look.ahead)
         outcome, attitudes, axes, angles = route(stand, goal, cones, directions, limits, leaving)
         if outcome == GOAL_INSIDE:
             i = violated(goal, cones, directions, 0.0)
@@ -236,14 +235,14 @@ def _detour(
             arrival += rest_to_rest(angles[k], limits)
     for k in range(len(angles) - 1 if moving else len(angles)):
         start, axis = quaternion(attitudes[k]), vector(axes[k])
-        if not append_slew(trial, INERTIAL, trial.end, start, axis, angles[k], limits, sky, look):
+        if not append_slew(trial, INERTIAL, trial.end, start, axis, angles[k], guidance, look):
             return no_slew(guidance, state)
     free = trial.end
     if trial.count > braked:
         free = trial.legs[braked].begin + trial.legs[braked].duration
     if moving:
         still = standing(quaternion(attitudes[len(angles) - 1]))
-        if not append_approach(trial, trial.end, still, False, limits, sky, look):
+        if not append_approach(trial, trial.end, still, False, guidance, look):
             return no_slew(guidance, state)
         if leaving and len(angles) == 1:  # the approach itself leads out
             free = trial.end

@@ -123,10 +123,9 @@ def append_turn(
     plan: Any, frame: int, begin: float, start: Quaternion, axis: Vector, turn: Profile, jerk: float
 ) -> bool:
     """Add a turn about an eigenaxis, from rest to rest; False if the plan is full."""
-    if plan.count == MOST_LEGS:
+    if not _append_leg(plan, frame, begin, duration(turn), start):
         return False
-    leg = plan.legs[plan.count]
-    _begin_leg(plan, leg, frame, begin, duration(turn), start)
+    leg = plan.legs[plan.count - 1]
     store(leg.axis, axis)
     store_quaternion(leg.profile, turn)
     leg.jerk = jerk
@@ -138,10 +137,9 @@ def append_polynomial(
     plan: Any, frame: int, begin: float, length: float, start: Quaternion, coefficients: Any
 ) -> bool:
     """Add a motion q = start ⊗ Exp(φ(t)), φ = c1 t + … + c5 t⁵; False if the plan is full."""
-    if plan.count == MOST_LEGS:
+    if not _append_leg(plan, frame, begin, length, start):
         return False
-    leg = plan.legs[plan.count]
-    _begin_leg(plan, leg, frame, begin, length, start)
+    leg = plan.legs[plan.count - 1]
     store(leg.axis, ZERO)
     for i in range(5):
         store(leg.coefficients[i], coefficients[i])
@@ -149,12 +147,15 @@ def append_polynomial(
 
 
 @kernel
-def _begin_leg(
-    plan: Any, leg: Any, frame: int, begin: float, length: float, start: Quaternion
-) -> None:
+def _append_leg(plan: Any, frame: int, begin: float, length: float, start: Quaternion) -> bool:
+    """Add a leg whose motion is still to be told; False if the plan is full."""
+    if plan.count == MOST_LEGS:
+        return False
+    leg = plan.legs[plan.count]
     leg.frame = frame
     leg.begin = begin
     leg.duration = length
     store_quaternion(leg.attitude, start)
     plan.end = begin + length
     plan.count += 1
+    return True

@@ -53,7 +53,7 @@ def scene_at(t: float, guidance: Any, state: Any) -> Scene:
     look, cones = state["look"], guidance["cones"]
     look["ahead"] = look["now"]
     goal = goal_at(t, state["plans"][state["active"]], guidance["sky"], look["ahead"])
-    directions = directions_at(t, cones, guidance["sky"], look["ahead"])
+    directions = directions_at(t, guidance, look["ahead"])
     # There are as many directions as cones, and room for more cones.
     rows = zip(cones["body_axis"], directions, cones["half_angle"], strict=False)
     return Scene(goal, tuple(Cone(vector(b), vector(s), float(angle)) for b, s, angle in rows))

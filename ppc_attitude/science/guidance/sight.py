@@ -35,8 +35,9 @@ _TOLERANCE = 1e-9  # [rad] that a sample of an exact plan may be inside by round
 
 
 @kernel
-def directions_at(t: float, cones: Any, sky: Any, cursor: Any) -> Any:
+def directions_at(t: float, guidance: Any, cursor: Any) -> Any:
     """Inertial directions of the cones at t [s], shape (count, 3)."""
+    cones, sky = guidance.cones, guidance.sky
     directions = np.empty((cones.count, 3))
     for i in range(cones.count):
         if cones.kind[i] == FIXED:
@@ -70,7 +71,7 @@ def cone_angles(stamps_ns: Any, attitudes: Any, guidance: Any, cursor: Any) -> A
     cones = guidance.cones
     angles = np.empty((stamps_ns.size, cones.count))
     for k in range(stamps_ns.size):
-        directions = directions_at(seconds(stamps_ns[k]), cones, guidance.sky, cursor)
+        directions = directions_at(seconds(stamps_ns[k]), guidance, cursor)
         q = quaternion(attitudes[k])
         for i in range(cones.count):
             angles[k, i] = cone_angle(i, q, cones, directions)
@@ -103,7 +104,7 @@ def crossing(
     s = begin
     while True:
         q, omega, _ = plan_motion(s, plan, guidance.sky, look.ahead)
-        directions = directions_at(s, cones, guidance.sky, look.ahead)
+        directions = directions_at(s, guidance, look.ahead)
         room = math.pi
         for i in range(cones.count):
             if exempt >> i & 1 and s < free:

@@ -111,14 +111,12 @@ def brake_length(omega: Vector, alpha: Vector, limits: Any) -> float:
 
 
 @kernel
-def append_brake(
-    plan: Any, frame: int, t: float, motion: Motion, limits: Any, sky: Any, look: Any
-) -> bool:
+def append_brake(plan: Any, frame: int, t: float, motion: Motion, guidance: Any, look: Any) -> bool:
     """Add a brake from a motion at t [s] to rest in a frame; False if none is found."""
     look.ahead = look.now
-    moving = frame_at(t, frame, plan.spinning, sky, look.ahead)[0]
+    moving = frame_at(t, frame, plan.spinning, guidance.sky, look.ahead)[0]
     q, omega, alpha = relative_to(moving, motion)
-    length = brake_length(omega, alpha, limits)
+    length = brake_length(omega, alpha, guidance.limits)
     return length > 0.0 and append_polynomial(
         plan, frame, t, length, q, brake_coefficients(omega, alpha, length)
     )
@@ -139,16 +137,16 @@ def _rate_kept(
     start: Quaternion,
     axis: Vector,
     turn: Profile,
-    limits: Any,
-    sky: Any,
+    guidance: Any,
     look: Any,
 ) -> bool:
     """Tell if 65 even samples of |ω_d| over a turn keep V, or the rate at its begin if larger."""
+    limits = guidance.limits
     look.ahead = look.now
     allowed = 0.0
     for i in range(SAMPLES + 1):
         s = duration(turn) * i / SAMPLES
-        moving = frame_at(t + s, frame, plan.spinning, sky, look.ahead)[0]
+        moving = frame_at(t + s, frame, plan.spinning, guidance.sky, look.ahead)[0]
         angle, rate, _ = turned(s, turn, limits.max_jerk)
         q = product(start, about(axis, angle))
         total = norm(add(scale(rate, axis), to_body(moving[1], (q[0], q[1], q[2]), q[3])))
@@ -167,8 +165,7 @@ def append_slew(
     start: Quaternion,
     axis: Vector,
     angle: float,
-    limits: Any,
-    sky: Any,
+    guidance: Any,
     look: Any,
 ) -> bool:
     """Add a turn from rest to rest in a frame, which may move; False if none is found.
@@ -179,10 +176,11 @@ def append_slew(
     if angle < NO_TURN:
         plan.end = t
         return True
+    limits = guidance.limits
     rate = limits.max_rate
     while rate > _SLOWEST * limits.max_rate:
         turn = profile(angle, rate, limits.max_acceleration, limits.max_jerk)
-        if frame == INERTIAL or _rate_kept(plan, frame, t, start, axis, turn, limits, sky, look):
+        if frame == INERTIAL or _rate_kept(plan, frame, t, start, axis, turn, guidance, look):
             return append_turn(plan, frame, t, start, axis, turn, limits.max_jerk)
         rate *= 0.95
     return False
@@ -190,7 +188,7 @@ def append_slew(
 
 @kernel
 def append_approach(
-    plan: Any, t: float, motion: Motion, at_rest: bool, limits: Any, sky: Any, look: Any
+    plan: Any, t: float, motion: Motion, at_rest: bool, guidance: Any, look: Any
 ) -> bool:
     """Add brake and turn from a motion at t [s] to rest at the plan's goal; False if none is found.
 
@@ -198,12 +196,12 @@ def append_approach(
     """
     start = motion[0]
     if not at_rest:
-        if not append_brake(plan, plan.frame, t, motion, limits, sky, look):
+        if not append_brake(plan, plan.frame, t, motion, guidance, look):
             return False
         t = plan.end
         start = end_attitude(plan)
     axis, angle = turn_between(start, quaternion(plan.attitude))
-    return append_slew(plan, plan.frame, t, start, axis, angle, limits, sky, look)
+    return append_slew(plan, plan.frame, t, start, axis, angle, guidance, look)
 
 
 def slew_torque(inertia: ArrayLike, rate: float, acceleration: float) -> float:

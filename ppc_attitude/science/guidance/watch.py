@@ -82,9 +82,9 @@ def _known(t: float, cones: Any, watch: Any) -> int:
 @kernel
 def _cones_ahead(t: float, plan: Any, guidance: Any, look: Any, watch: Any) -> int:
     """Bits of the cones that the plan is inside of, or enters within the horizon."""
-    cones, sky = guidance.cones, guidance.sky
-    q = plan_motion(t, plan, sky, look.now)[0]
-    around = cones_around(q, cones, directions_at(t, cones, sky, look.now))
+    cones = guidance.cones
+    q = plan_motion(t, plan, guidance.sky, look.now)[0]
+    around = cones_around(q, cones, directions_at(t, guidance, look.now))
     bits = _known(t, cones, watch)
     s, end = max(watch.seen, t), t + HORIZON
     for i in range(cones.count):
