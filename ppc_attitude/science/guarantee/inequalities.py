@@ -15,9 +15,8 @@
 """The inequalities C0 to C13 under which the theorem of docs/guarantee.md holds."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 from ppc_attitude.science.guarantee.arithmetic import Arithmetic, Number
@@ -26,6 +25,8 @@ from ppc_attitude.science.guarantee.cells import LARGEST
 
 # κh that leaves every sample's correction without overshoot, without and with a late command.
 _STEP, _STEP_LATE = 0.9, 0.4
+_Claim = tuple[Any, ...]
+"""Name, left and right side, unit, meaning; and True at last if left < right is needed."""
 
 
 @dataclass(frozen=True)
@@ -50,10 +51,11 @@ class Inequality:
 
 def inequalities(bounds: Bounds) -> tuple[Inequality, ...]:
     """Evaluate all inequalities, whether they hold or not."""
-    return (*_tube(bounds), *_rates(bounds), *_phases(bounds))
+    claims = (*_tube(bounds), *_rates(bounds), *_phases(bounds))
+    return tuple(_judged(bounds.arithmetic, *each) for each in claims)
 
 
-def _told(
+def _judged(
     arithmetic: Arithmetic,
     name: str,
     left: Number,
@@ -68,67 +70,60 @@ def _told(
     return Inequality(name, outward(left), outward(right), unit, certain, meaning)
 
 
-def _by_axis(
-    told: Callable[..., Inequality], name: str, left: Any, right: Any, *rest: Any
-) -> Iterator[Inequality]:
+def _by_axis(name: str, left: Any, right: Any, *rest: Any) -> Iterator[_Claim]:
     for axis, low, high in zip("xyz", left, right, strict=True):
-        yield told(f"{name} {axis}", low, high, *rest)
+        yield f"{name} {axis}", low, high, *rest
 
 
-def _tube(bounds: Bounds) -> Iterator[Inequality]:
-    told = partial(_told, bounds.arithmetic)
-    by_axis = partial(_by_axis, told)
+def _tube(bounds: Bounds) -> Iterator[_Claim]:
     law, body = bounds.law, bounds.body
     least = 0.0 if body.proved else math.inf
-    yield told("C0", least, body.least, "kg·m²", "the moments of inertia are certain", True)
+    yield "C0", least, body.least, "kg·m²", "the moments of inertia are certain", True
     meaning = "no disturbance within its bound leads out of the tube"
-    yield from by_axis("C1", bounds.Y, law.Y, "N·m·s", meaning)
+    yield from _by_axis("C1", bounds.Y, law.Y, "N·m·s", meaning)
     meaning = "a saturated axis still drives its momentum error back"
-    yield from by_axis("C2", law.B, bounds.B, "N·m", meaning)
+    yield from _by_axis("C2", law.B, bounds.B, "N·m", meaning)
     late = 1 + bounds.assumed.late
     more = [law.B_ramp - each for each in law.B]
     drift = [
         0.0 if each <= 0 else n + law.h * late * each for each, n in zip(more, law.N, strict=True)
     ]
     meaning = "with a ramp's torque beyond B, y moves by less than half the tube in a sample"
-    yield from by_axis("C2 ramp", drift, [y / 2 for y in law.Y], "N·m·s", meaning)
+    yield from _by_axis("C2 ramp", drift, [y / 2 for y in law.Y], "N·m·s", meaning)
     meaning = "feedforward, reference and brake never lack torque"
-    yield from by_axis("C3", bounds.load, law.B, "N·m", meaning)
+    yield from _by_axis("C3", bounds.load, law.B, "N·m", meaning)
     meaning = "N bounds the error of y that estimation errors cause"
-    yield from by_axis("C1 N", bounds.noise, law.N, "N·m·s", meaning)
+    yield from _by_axis("C1 N", bounds.noise, law.N, "N·m·s", meaning)
     meaning = "z̄ is the largest rate error in the tube"
-    yield told("C1 ‖z‖", bounds.z, law.z_bar, "rad/s", meaning)
+    yield "C1 ‖z‖", bounds.z, law.z_bar, "rad/s", meaning
 
 
-def _rates(bounds: Bounds) -> Iterator[Inequality]:
-    told = partial(_told, bounds.arithmetic)
+def _rates(bounds: Bounds) -> Iterator[_Claim]:
     assumed, law = bounds.assumed, bounds.law
     meaning = "‖ω_s‖ stays below the rate limit after the stop phase"
     fastest = law.Omega_e + law.z_bar + bounds.e_w + law.h * bounds.V_rate
-    yield told("C4", fastest, assumed.Omega, "rad/s", meaning)
+    yield "C4", fastest, assumed.Omega, "rad/s", meaning
     meaning = "Φ allows for the largest decrease of V"
-    yield told("C4 V'", bounds.V_rate, law.V_rate, "rad/s²", meaning)
+    yield "C4 V'", bounds.V_rate, law.V_rate, "rad/s²", meaning
     meaning = "Φ allows for the largest decrease of a when the brake's axis turns"
-    yield told("C4 a'", bounds.a_rate, law.a_rate, "rad/s³", meaning)
+    yield "C4 a'", bounds.a_rate, law.a_rate, "rad/s³", meaning
     limit = _STEP_LATE if assumed.late > 0.0 else _STEP
     meaning = "κh: one sample's correction does not overshoot"
-    yield told("C5", law.kappa * law.h, limit, "", meaning)
+    yield "C5", law.kappa * law.h, limit, "", meaning
     if assumed.late > 0.0:
         meaning = "ℓ = 1: the momentum observer is not proved with late commands"
-        yield told("C5 ℓ", 1.0, law.ell, "", meaning)
+        yield "C5 ℓ", 1.0, law.ell, "", meaning
     meaning = "the tube lies within the linear part of the brake"
-    yield told("C6", law.z_bar, bounds.a / law.k, "rad/s", meaning)
+    yield "C6", law.z_bar, bounds.a / law.k, "rad/s", meaning
     meaning = "the reference leaves speed to turn with"
-    yield told("C7", 0.0, law.Omega_e - assumed.W, "rad/s", meaning, True)
+    yield "C7", 0.0, law.Omega_e - assumed.W, "rad/s", meaning, True
     meaning = "the disturbance estimate alone does not lead out of the tube"
-    yield told("C8", law.d_max, law.kappa * min(law.Y), "N·m", meaning)
+    yield "C8", law.d_max, law.kappa * min(law.Y), "N·m", meaning
     meaning = "the estimate may be as large as the disturbance"
-    yield told("C8 d", assumed.d, law.d_max, "N·m", meaning)
+    yield "C8 d", assumed.d, law.d_max, "N·m", meaning
 
 
-def _phases(bounds: Bounds) -> Iterator[Inequality]:
-    told = partial(_told, bounds.arithmetic)
-    by_axis = partial(_by_axis, told)
+def _phases(bounds: Bounds) -> Iterator[_Claim]:
     assumed, law, pi = bounds.assumed, bounds.law, bounds.arithmetic.pi
     a, h, k, z = bounds.a_most, law.h, law.k, law.z_bar
     slowest = law.Omega_e - assumed.W
@@ -136,27 +131,27 @@ def _phases(bounds: Bounds) -> Iterator[Inequality]:
 
     start = bounds.cruise_start()
     meaning = "a cruise reaches its speed before it has to brake"
-    yield told("C9", math.inf if start is None else start, law.far, "rad", meaning)
-    yield told("C9 w", w_far, slowest, "rad/s", "a cruise begins below its least speed")
+    yield "C9", math.inf if start is None else start, law.far, "rad", meaning
+    yield "C9 w", w_far, slowest, "rad/s", "a cruise begins below its least speed"
 
     time = bounds.stop_time(law.w_far)
     turned = math.inf if time is None else bounds.nu_stop * w_far * (time + h)
     meaning = "the axis turns so little in the stop phase that rates do not add up"
-    yield told("C9 n", turned, 1.0, "rad", meaning)
+    yield "C9 n", turned, 1.0, "rad", meaning
 
     meaning = "torque is left to stop from every rate up to omega0"
     needed = bounds.feedforward(omega0 + assumed.W + z)
-    yield from by_axis("C10", needed, law.B, "N·m", meaning, True)
+    yield from _by_axis("C10", needed, law.B, "N·m", meaning, True)
     meaning = "F varies no more within a sample of the stop phase than later"
-    yield from by_axis("C11", bounds.variation_at_stop, bounds.variation, "N·m", meaning)
+    yield from _by_axis("C11", bounds.variation_at_stop, bounds.variation, "N·m", meaning)
     stop = bounds.stop_time(law.omega0)
     overshoot = math.inf
     if stop is not None and bounds.reserve > 0:
         overshoot = pi + assumed.lead + assumed.e_A
         overshoot = overshoot + omega0 * (stop + h) / 2 + z * (stop + 2 * h + z / bounds.reserve)
     meaning = "the largest turn and the stop stay in the range of cells"
-    yield told("C12", overshoot, pi + LARGEST, "rad", meaning)
+    yield "C12", overshoot, pi + LARGEST, "rad", meaning
     meaning = "the cap of the speed does not act where the brake is linear"
-    yield told("C13", a / k, 0.75 * slowest - 2 * h * law.V_rate, "rad/s", meaning)
+    yield "C13", a / k, 0.75 * slowest - 2 * h * law.V_rate, "rad/s", meaning
     meaning = "the linear part of the brake ends below 1 rad"
-    yield told("C13 φ1", a / (k * k), 1.0, "rad", meaning)
+    yield "C13 φ1", a / (k * k), 1.0, "rad", meaning
