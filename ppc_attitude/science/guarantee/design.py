@@ -136,7 +136,7 @@ class _Search:
                 continue
             self._tried.add(each)
             try:
-                self.found.append(_designed(self._assumed, self._wishes, self._h, each, COARSE))
+                self.found.append(designed(self._assumed, self._wishes, self._h, each, COARSE))
             except InfeasibleError as error:
                 self.failing.append(error.failing)
             except UnwishedError as error:
@@ -163,8 +163,10 @@ class _Search:
         return min(self.found, key=lambda each: each.settling, default=None)
 
 
-def designed(assumed: Assumptions, wishes: Wishes, h: float, gains: Gains) -> Design:
-    """Design with given gains.
+def designed(
+    assumed: Assumptions, wishes: Wishes, h: float, gains: Gains, count: Cells | None = None
+) -> Design:
+    """Design with given gains, judged on so many cells, by default on fine ones.
 
     Raises
     ------
@@ -173,10 +175,7 @@ def designed(assumed: Assumptions, wishes: Wishes, h: float, gains: Gains) -> De
     UnwishedError
         The inequalities hold, but not a wish.
     """
-    return _designed(assumed, wishes, h, gains, FINE)
-
-
-def _designed(assumed: Assumptions, wishes: Wishes, h: float, gains: Gains, count: Cells) -> Design:
+    count = count or FINE
     law = tuned(assumed, h, gains, count)
     bounds = Bounds(assumed, law, FLOATS, count)
     envelope = Envelope(bounds)
@@ -255,7 +254,7 @@ def _succeeds(assumed: Assumptions, wishes: Wishes, h: float, gains: Gains) -> b
     """Tell whether gains satisfy every inequality, and the wishes."""
     try:
         tuned(assumed, h, gains, COARSE, TUMBLING[-1:])  # the last demands least
-        _designed(assumed, wishes, h, gains, COARSE)
+        designed(assumed, wishes, h, gains, COARSE)
     except (InfeasibleError, UnwishedError):
         return False
     return True
