@@ -37,7 +37,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import FAULTS, RECORD, How, acting, faults_of, number_of
 from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.kernel import Vector, add, copy, cross, kernel, scale, vector
-from ppc_attitude.science.parameter import RATE, Parameter, record_type
+from ppc_attitude.science.parameter import RATE, Parameter, filled, record_type
 from ppc_attitude.science.signals import ANGULAR_VELOCITY, TORQUE_COMMAND
 from ppc_attitude.science.stamps import ROUNDING, nanoseconds
 from ppc_attitude.science.wheels import TRACE, WHEELS, friction, momentum, room, wheel_record
@@ -86,10 +86,10 @@ OWN_PARAMETERS = (NULL_SPEED, NULL_GAIN, KNOWLEDGE, COMPENSATION, OVERLOAD, DETE
 CONFIGURATION = record_type(
     ("wheels", WHEELS),
     ("null", np.float64, (MAX_WHEELS, MAX_WHEELS)),  # projection on what gives no torque
-    ("null_gain", np.float64),  # [1/s]
     ("null_momentum", np.float64, (MAX_WHEELS,)),  # [N·m·s] h*
-    ("knowledge", np.float64),
-    ("compensation", np.float64),
+    NULL_GAIN,
+    KNOWLEDGE,
+    COMPENSATION,
     ("clips", np.float64),
     ("delay_ns", np.int64),  # [ns] from a wheel's loss to its being dropped
     ("faults", RECORD),
@@ -122,21 +122,21 @@ def configure(values: Mapping[str, Any]) -> Any:
     ConfigurationError
         The wheels are impossible, or a fault is invalid.
     """
-    record = np.zeros((), CONFIGURATION)[()]
-    record["wheels"] = given = wheel_record(values)
+    given = wheel_record(values)
     count = int(given["count"])
-    axes = given["axes"][:count]
-    free = np.linalg.svd(axes.T)[2][3:].T  # null space, a column each
-    record["null"][:count, :count] = free @ free.T
-    record["null_gain"] = values[NULL_GAIN.name]
-    if free.size:
-        record["null_momentum"][:count] = _null_momentum(free, given, values[NULL_SPEED.name])
-    record["knowledge"] = values[KNOWLEDGE.name]
-    record["compensation"] = values[COMPENSATION.name]
-    record["clips"] = values[OVERLOAD.name] == "clip"
-    record["delay_ns"] = nanoseconds(values[DETECTION_DELAY.name]) - ROUNDING
-    record["faults"] = faults_of(values, wheels.parts_of(values))
-    return record
+    free = np.linalg.svd(given["axes"][:count].T)[2][3:].T  # null space, a column each
+    missing = (0, MAX_WHEELS - count)
+    return filled(
+        CONFIGURATION,
+        values,
+        "wheels.",
+        wheels=given,
+        null=np.pad(free @ free.T, missing),
+        null_momentum=np.pad(_null_momentum(free, given, values[NULL_SPEED.name]), missing),
+        clips=values[OVERLOAD.name] == "clip",
+        delay_ns=nanoseconds(values[DETECTION_DELAY.name]) - ROUNDING,
+        faults=faults_of(values, wheels.parts_of(values)),
+    )
 
 
 def _null_momentum(free: Any, craft: Any, fastest: float) -> Any:
@@ -148,6 +148,8 @@ def _null_momentum(free: Any, craft: Any, fastest: float) -> Any:
         A wheel cannot be so fast.
     """
     count = len(free)
+    if not free.size:
+        return np.zeros(count)
     inertia = craft["inertia"][:count]
     speeds = fastest * idle_speeds(free, inertia)
     for i in np.flatnonzero(np.abs(speeds) > craft["max_speed"][:count]):
@@ -167,7 +169,7 @@ def _taken_away(resistance: float, speed: float, i: int, configuration: Any) -> 
     slower, faster = room(configuration.wheels, i, speed)
     most, limit = resistance + max(faster, 0.0), configuration.wheels.max_torque[i]
     least = resistance - max(slower, 0.0)
-    known = min(max(configuration.knowledge * resistance, least), most)
+    known = min(max(configuration.friction_knowledge * resistance, least), most)
     return float(min(max(known, -limit), limit))
 
 
@@ -271,7 +273,7 @@ def share(inputs: Any, rate: Vector, state: Any, configuration: Any, motors: Any
     """
     craft, speeds = configuration.wheels, inputs.wheel_speed
     asked = vector(inputs.torque_command)
-    if configuration.compensation != 0.0:
+    if configuration.gyroscopic_compensation != 0.0:
         asked = add(asked, cross(rate, momentum(craft, speeds)))
     _limits(speeds, configuration, state)
     _look_for_losses(inputs.stamp_ns, configuration, state)
