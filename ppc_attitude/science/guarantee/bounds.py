@@ -41,58 +41,14 @@ def _triple(function: Callable[[int], Number]) -> Numbers:
 
 
 class Bounds:
-    """Bounds in one arithmetic; triples are per body axis.
+    """Bounds in one arithmetic, sought on `count` cells of φ, of V and of a.
 
-    Parameters
-    ----------
-    assumed, law : Assumptions, Law
-        Assumptions and law that the bounds are for.
-    arithmetic : Arithmetic
-        Arithmetic of the bounds.
-    count : tuple of 3 int
-        Number of cells of φ, of V and of a.
-
-    Attributes
-    ----------
-    assumed, law : Assumptions, Law
-        The same, with numbers of the arithmetic.
-    body : Body
-        Bounds of the inertia.
-    e_w : number
-        Largest error of ω_e [rad/s], from those of rate and attitude.
-    z : number
-        Largest ‖Ĵ⁻¹y‖ in the tube [rad/s].
-    a, a_most : number
-        Least and largest deceleration of the brake about any axis [rad/s²].
-    a_rate : number
-        Largest |a'| where it acts [rad/s³].
-    V_rate : number
-        Largest |V'| where the cap acts, with the error of its estimate in a sample [rad/s²].
-    load : triple
-        Torque that feedforward and brake need [N·m].
-    torque_noise : triple
-        N_F,i: change of F with the estimation errors, in any phase [N·m].
-    reserve : number
-        a_r: acceleration that is left for a ramp by the F that the law is told [rad/s²].
-    brake : triple
-        T for which the load would be all of B [N·m].
-    variation, variation_at_stop : triple
-        Change of F within a sample [N·m]: in the main phase, and while p > 0.
-    noise : triple
-        N_i [N·m·s].
-    B, Y : triple
-        Largest B [N·m] and least Y [N·m·s] that the proof admits.
-    stop_load : number
-        Acceleration [rad/s²] that the turning axis needs while p > 0 in cruise.
-    blend : number
-        φ from which the cap alone acts, for the largest V [rad].
-    nu_stop : number
-        ν for every φ that a stop phase can see in cruise.
+    Triples are per body axis.
 
     Raises
     ------
     ValueError
-        Ω_e leaves no speed beyond the reference's.
+        Ω_e leaves no speed beyond the reference's, or the variation of F has no bound.
     """
 
     def __init__(
@@ -103,8 +59,9 @@ class Bounds:
         self.arithmetic, most, e_S = arithmetic, arithmetic.largest, assumed.e_S
         # [s] of F while it acts, in the mean
         self._age = (arithmetic.number(0.5) + assumed.late) * law.h
-        self.e_w = assumed.e_W + assumed.W * assumed.e_A
+        self.e_w = assumed.e_W + assumed.W * assumed.e_A  # [rad/s] largest error of ω_e
         self._most_used = _triple(lambda i: most(law.B[i], law.B_ramp))
+        # [rad/s²] Least and largest deceleration of the brake about any axis.
         self.a, self.a_most = body.brakes(law.brake, law.a_most)
         reference = law.Omega_e, assumed.W, assumed.W1, assumed.W2
         errors = law.z_bar, assumed.e_A, self.e_w
@@ -119,30 +76,37 @@ class Bounds:
         root = arithmetic.sqrt(arithmetic.number(3.0))
         self._misled = epsilon * root * (assumed.max_torque + assumed.d)
 
+        # [rad] φ from which the cap alone acts, for the largest V.
         self.blend = self._reached((1 + BLEND) * (law.Omega_e + assumed.W), self.a)
         found = self._cells = self._main_cells(count)
-        self.nu_stop = self._largest(nu_of, law.far / 2)
+        self.nu_stop = self._largest(nu_of, law.far / 2)  # ν in any stop phase of a cruise
         self._stop_cotangent = self._largest(half_cotangent, law.far / 2)
+        # [rad/s²] What the turning axis needs while p > 0 in cruise.
         self.stop_load = self.nu_stop * (law.w_far * law.w_far / 2 + law.w_far * law.z_bar)
+        # [N·m] Change of F within a sample: in the main phase, and while p > 0.
         self.variation = self._main_variation()
         self.variation_at_stop = self._stop_variation()
         lipschitz = most(*(each.lipschitz for each in found))
+        # [N·m·s] N_i, and [N·m] N_F,i: change of F with the estimation errors, in any phase.
         self.noise = _triple(lambda i: body.row[i] * (self.e_w + lipschitz * assumed.e_A))
         self.torque_noise = self._torque_noise()
         feedforward = self.feedforward(assumed.Omega)
         needed = _triple(
             lambda i: most(*(each.needed(body.row[i], law.brake[i], arithmetic) for each in found))
         )
+        # [N·m] What feedforward and brake need, and the T for which that would be all of B.
         self.load = _triple(lambda i: feedforward[i] + needed[i])
         self.brake = _triple(lambda i: law.B[i] - feedforward[i] - (needed[i] - law.brake[i]))
         left = (law.B[i] - feedforward[i] - self.torque_noise[i] for i in range(3))
         free = arithmetic.least(*(each / row for each, row in zip(left, body.row, strict=True)))
         drift = most(*(arithmetic.sqrt(each.drift**2 + each.turn**2) for each in found))
-        self.reserve = free - drift
+        self.reserve = free - drift  # [rad/s²] a_r: left for a ramp by the F that the law is told
+        # [rad/s²] Largest |V'| where the cap acts, with the error of its estimate in a sample; and
+        # [rad/s³] largest |a'| where the brake acts.
         self.V_rate, self.a_rate = self._rates()
-        self.z = body.box(law.Y)
-        self.B = self._allowed()
-        self.Y = self._tube()
+        self.z = body.box(law.Y)  # [rad/s] largest ‖Ĵ⁻¹y‖ in the tube
+        self.B = self._allowed()  # [N·m] largest, and
+        self.Y = self._tube()  # [N·m·s] least that the proof admits
 
     def feedforward(self, rate: Number) -> Numbers:
         """M_i [N·m] for ‖ω_s‖ ≤ rate [rad/s].

@@ -80,13 +80,8 @@ def _first(assumed: Assumptions, h: float, gains: Gains, omega0: float) -> Law:
     tube = free / kappa * (1.0 + kappa * h * (1.0 - ell) / ell)
     B = 0.8 * (assumed.eta * assumed.max_torque - assumed.d)
     if B <= 0.0:
-        _refuse(
-            "C2",
-            assumed.d,
-            assumed.eta * assumed.max_torque,
-            "N·m",
-            "the torque exceeds the disturbance",
-        )
+        most = assumed.eta * assumed.max_torque
+        _refuse("C2", assumed.d, most, "N·m", "the torque exceeds the disturbance")
     least = min(assumed.inertia[0], assumed.inertia[4], assumed.inertia[8])
     speed = 0.9 * assumed.Omega
     if speed <= assumed.W:
@@ -162,13 +157,12 @@ def _evaluated(assumed: Assumptions, law: Law, count: Cells) -> Bounds:
 def _next(bounds: Bounds) -> Law:
     """Take half a step from a law towards what its bounds ask for."""
     assumed, law = bounds.assumed, bounds.law
-    Y = _triple(0.5 * (x + y) for x, y in zip(law.Y, bounds.Y, strict=True))
-    B = _triple(0.5 * (x + y) for x, y in zip(law.B, bounds.B, strict=True))
+    Y, B = _halfway(law.Y, bounds.Y), _halfway(law.B, bounds.B)
     if min(B) <= 0.0:
         i = B.index(min(B))
-        need = assumed.max_torque * assumed.eta - bounds.B[i]
+        most = assumed.max_torque * assumed.eta
         meaning = "torque is left beside disturbance, variation and errors"
-        _refuse("C2", need, assumed.max_torque * assumed.eta, "N·m", meaning)
+        _refuse("C2", most - bounds.B[i], most, "N·m", meaning)
     if not math.isfinite(sum(Y)):
         _refuse("C1", math.inf, 0.0, "N·m·s", "the tube is finite")
     z = bounds.body.box(Y)
@@ -178,9 +172,7 @@ def _next(bounds: Bounds) -> Law:
         need = assumed.W + z + bounds.e_w + 2.0 * law.h * bounds.V_rate
         _refuse("C7", need, assumed.Omega, "rad/s", meaning)
     # An axis of which the largest deceleration needs less has no bound of its own.
-    brake = _triple(
-        min(0.5 * (x + y), most) for x, y, most in zip(law.brake, bounds.brake, B, strict=True)
-    )
+    brake = _triple(map(min, _halfway(law.brake, bounds.brake), B))
     if min(brake) <= 0.0:
         i = max(range(3), key=lambda axis: bounds.load[axis] - law.B[axis])
         meaning = "feedforward and tube leave torque to brake with"
@@ -200,6 +192,10 @@ def _next(bounds: Bounds) -> Law:
         w_far=0.945 * (speed - assumed.W) - bounds.e_w,
         far=min(max(_far(bounds), 1e-3), 3.0),
     )
+
+
+def _halfway(a: Iterable[float], b: Iterable[float]) -> Triple:
+    return _triple(0.5 * (x + y) for x, y in zip(a, b, strict=True))
 
 
 def _strongest(bounds: Bounds, brake: Triple, k: float, slowest: float) -> float:
