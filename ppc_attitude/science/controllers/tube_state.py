@@ -201,18 +201,16 @@ def watch(memory: Any, gains: Any, unexplained: Vector, h: float) -> None:
 
     The law's own telemetry does not prove the cause: the pattern says which is the likely one.
     """
-    held = 0.0
-    for i in range(3):
-        if abs(memory.d_hat[i]) >= gains.d_max:
-            held = memory.at_limit + h
+    held = memory.at_limit + h if largest(vector(memory.d_hat)) >= gains.d_max else 0.0
     memory.at_limit = held
     doubt = _pattern(memory, gains, unexplained, h)
     if doubt == 0.0 and held > _HELD and gains.d_max > 0.0:
         doubt = AT_LIMIT
     if doubt == 0.0:
         return
-    is_new = memory.doubt != doubt or memory.t - memory.doubted_at > DOUBT_LASTS
-    if is_new and tell(memory):
+    if memory.doubt != doubt or memory.t - memory.doubted_at > DOUBT_LASTS:
+        if not tell(memory):
+            return  # it is told at a later sample, if it is still seen then
         memory.doubt = doubt
     memory.doubted_at = memory.t
 
