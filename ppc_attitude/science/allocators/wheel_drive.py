@@ -140,13 +140,7 @@ def configure(values: Mapping[str, Any]) -> Any:
 
 
 def _null_momentum(free: Any, craft: Any, fastest: float) -> Any:
-    """Momenta [N·m·s] that cancel, with the fastest wheel at a speed [rad/s].
-
-    Raises
-    ------
-    ConfigurationError
-        A wheel cannot be so fast.
-    """
+    """Momenta [N·m·s] that cancel, with the fastest wheel at a speed [rad/s] that it can have."""
     count = len(free)
     if not free.size:
         return np.zeros(count)

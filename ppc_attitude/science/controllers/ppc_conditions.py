@@ -58,17 +58,7 @@ def virtual_control_bound(values: Mapping[str, Any]) -> float:
 
 
 def conditions(values: Mapping[str, Any], gains: Any, task: Task) -> Iterator[Condition]:
-    """Conditions on the parameters of the law, and in proportion to the craft.
-
-    Parameters
-    ----------
-    values : mapping
-        Checked parameter values.
-    gains : record
-        What the law is configured with.
-    task : Task
-        The rest of the craft, and what is asked of it.
-    """
+    """Conditions on the law, which is configured with `gains`, and in proportion to the craft."""
     q_e0 = abs(task.error[3])
     fall = steepest_fall(envelope_of(ATTITUDE_ENVELOPE.name, values))
     yield from _lyapunov(values, q_e0, fall)
@@ -118,7 +108,7 @@ def _rates(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
     bound = virtual_control_bound(values)
     speed = math.degrees(values["k"] * values["M_omega"])
     meaning = "max‖v‖ ≤ k M_ω, as the paper claims; true with virtual_control: norm only"
-    yield Condition("bound of v", math.degrees(bound), speed, "≤", "deg/s", False, meaning)
+    yield advisable("bound of v", math.degrees(bound), speed, "deg/s", meaning)
     desired, limit = task.desired_rate, task.rate_limit
     if limit is None or desired is None:
         return

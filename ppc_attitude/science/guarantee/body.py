@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Bounds that follow from the craft alone: inertia, gyroscopic torque, tumbling, boxes."""
+"""Bounds that follow from the inertia alone: gyroscopic torque, brake, boxes of momentum."""
 
 from collections.abc import Sequence
 from functools import reduce

@@ -191,17 +191,7 @@ def first_cell(speed: Speed) -> Cell:
 
 
 def cells(speed: Speed, lowest: float, count: Cells) -> list[Cell]:
-    """Cover φ ≤ π + `LARGEST`, V in [lowest, Ω_e + W], and a from its least to its largest.
-
-    Parameters
-    ----------
-    speed : Speed
-        Bounds of V.
-    lowest : float
-        Least V [rad/s].
-    count : tuple of 3 int
-        Number of cells of φ, of V and of a.
-    """
+    """Cover φ ≤ π + `LARGEST`, V from the lowest [rad/s] to Ω_e + W, and every a of the brake."""
     arithmetic = speed.arithmetic
     _, high = arithmetic.outward(arithmetic.pi + LARGEST)
     _, top = arithmetic.outward(speed.Omega_e + speed.W)

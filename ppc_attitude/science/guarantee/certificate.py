@@ -95,15 +95,7 @@ def certify(
 
 
 def differences(stored: Mapping[str, Any], certificate: Certificate) -> list[str]:
-    """Tell which statements of a stored certificate are false.
-
-    Parameters
-    ----------
-    stored : mapping
-        `Certificate` as a mapping, read from a file.
-    certificate : Certificate
-        Proved anew for the present numbers.
-    """
+    """Tell which statements of a stored certificate are false, by the one that is proved anew."""
     if stored.get("digest") != certificate.digest:
         return ["it was issued for other numbers"]
     found = []

@@ -54,23 +54,10 @@ class _State:
     sigma: Array
 
 
-def sphere_cells(face: int) -> tuple[Array, Array]:
-    """Cells that cover the unit sphere.
+def _sphere_cells(face: int) -> tuple[Array, Array]:
+    """Centres of cells that cover the unit sphere, and the largest angle [rad] to a point of each.
 
-    The edges of a cell are arcs of great circles, so no point of it is farther from the centre
-    than a corner.
-
-    Parameters
-    ----------
-    face : int
-        Cells along an edge of each face of a cube.
-
-    Returns
-    -------
-    ndarray, shape (6 face², 3)
-        Centres.
-    ndarray, shape (6 face²,)
-        Largest angle from the centre to a point of the cell [rad].
+    Their edges are arcs of great circles, so no point is farther from the centre than a corner.
     """
     edges = np.tan(np.linspace(-np.pi / 4, np.pi / 4, face + 1))
     u, v = (each.ravel() for each in np.indices((face, face)))
@@ -165,7 +152,7 @@ class KnownReference:
         longest = 0.0
         cells: NDArray[np.int64] = np.arange(6 * _FACES[0] ** 2)
         for face in _FACES:
-            centres, radius = sphere_cells(face)
+            centres, radius = _sphere_cells(face)
             times = self._times(centres[cells], radius[cells], angles, rate, accuracy)
             late = times > max(times.max() - _LATE, known)
             if face == _FACES[-1] or not late.any():

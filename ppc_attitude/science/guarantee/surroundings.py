@@ -64,16 +64,9 @@ _UNSEEN = (
 
 
 def broken_assumptions(assumed: Assumptions, law: Law, nodes: Nodes) -> Iterator[str]:
-    """Yield each assumption that craft and environment do not keep, with both numbers.
+    """Yield each assumption of a certified law that craft and environment do not keep.
 
-    Parameters
-    ----------
-    assumed : Assumptions
-        What the certificate assumes.
-    law : Law
-        Numbers of the certified law.
-    nodes : Nodes
-        Parameters of the nodes around the law, which are compared.
+    Both numbers are told: the assumed one, and what the parameters of the nodes say.
     """
     plant = nodes.plant
     if 1.0 / plant["rate"] > law.h * (1 + 1e-9):
@@ -128,8 +121,7 @@ def broken_assumptions(assumed: Assumptions, law: Law, nodes: Nodes) -> Iterator
 def broken_by_reference(assumed: Assumptions, nodes: Nodes, duration: float) -> Iterator[str]:
     """Yield each assumption that the reference may not keep for a duration [s].
 
-    The other parameters are those of `broken_assumptions`. A record shows by itself what the
-    reference did.
+    A record shows by itself what the reference did.
     """
     bounds = nodes.motion_bounds(duration)
     if math.inf in bounds:
@@ -155,7 +147,7 @@ def longer_ramps(law: Law, nodes: Nodes) -> Iterator[str]:
 
 
 def suspensions(assumed: Assumptions, nodes: Nodes, duration: float) -> Iterator[str]:
-    """Yield what may suspend the promise in flight; parameters as of `broken_assumptions`.
+    """Yield what may suspend the promise in a flight of some duration [s].
 
     Without fixes the filter's covariance grows beyond the assumed errors, and the torque of the
     environment lets the momentum of a craft with wheels grow, beyond what they can hold.
