@@ -44,11 +44,6 @@ class Assumptions:
     late: float  # 1 if a command may act up to a sample late, else 0
     lead: float = 0.0  # [rad] largest angle beyond half a turn by which the law may go round
 
-    @property
-    def diagonal(self) -> bool:
-        """True if the inertia has no products."""
-        return not any(self.inertia[i] for i in (1, 2, 3, 5, 6, 7))
-
 
 @dataclass(frozen=True)
 class Law:

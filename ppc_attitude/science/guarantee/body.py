@@ -38,7 +38,8 @@ class Body:
         number = arithmetic.number
         m = [[number(assumed.inertia[3 * i + j]) for j in range(3)] for i in range(3)]
         moments = np.linalg.eigvalsh(np.reshape(assumed.inertia, (3, 3)))
-        self.arithmetic, self.diagonal = arithmetic, assumed.diagonal
+        self.arithmetic = arithmetic
+        self._diagonal = not any(assumed.inertia[i] for i in (1, 2, 3, 5, 6, 7))
         # [kg·m²] Below and above every principal moment; `proved` says whether that is certain.
         self.least = least = number(float(moments[0]) * (1.0 - _PADDING))
         self.most = most = number(float(moments[2]) * (1.0 + _PADDING))
@@ -50,7 +51,7 @@ class Body:
         # [kg·m²] R_i, norms of the rows, and G_i: |(ω × Ĵω)_i| ≤ G_i ‖ω‖².
         self.row = tuple(arithmetic.sqrt(_dot(line, line)) for line in m)
         self.spread = ((most - least) / 2,) * 3
-        if self.diagonal:
+        if self._diagonal:
             pairs = ((1, 2), (2, 0), (0, 1))
             self.spread = tuple(0.5 * abs(m[j][j] - m[k][k]) for j, k in pairs)
         determinant, cofactors = _cofactors(m)
@@ -82,7 +83,7 @@ class Body:
 
         shares = [row / each for row, each in zip(self.row, torque, strict=True)]
         norm = arithmetic.largest(*shares)
-        if not self.diagonal:
+        if not self._diagonal:
             together = arithmetic.sqrt(_dot(shares, shares))
             norm = norm * _root(together / norm, _HALVINGS - 1, arithmetic)
         return at(norm), at(1 / self.box(torque))

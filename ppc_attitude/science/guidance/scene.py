@@ -45,8 +45,6 @@ def scene_at(t: float, guidance: Any, state: Any) -> Scene:
 
     Parameters
     ----------
-    t : float
-        Time [s].
     guidance, state
         Records of dtype `GUIDANCE` and `STATE`.
     """

@@ -107,8 +107,6 @@ def look_out(t: float, plan: Any, guidance: Any, look: Any, watch: Any) -> None:
 
     Parameters
     ----------
-    t
-        Time [s].
     plan, guidance
         Records of dtype `PLAN`, the one that is followed, and `GUIDANCE`.
     look, watch
