@@ -14,53 +14,40 @@
 
 """Message types in bags of others that carry the same quantity as a topic of the contract."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.contract.cdr import CdrError, Codec, byte_order, stamped_layout, stamps_of_rows
+from ppc_attitude.contract.cdr import Codec, Reader
 from ppc_attitude.contract.topics import MSGTYPES, Topic
 from ppc_attitude.science.component import GYRO, MAGNETIC, POINT, QUATERNION, VECTOR, WRENCH
 
 Rows = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]
-
-
-class _Layout(NamedTuple):
-    """How many float64 a type holds in all, and where among them those of a form begin.
-
-    One of them may be −1 to say that there is no such quantity (REP 145).
-    """
-
-    size: int
-    first: int
-    absent: int | None = None
-
-
 _IMU = MSGTYPES[GYRO]
 _GEOMETRY = "geometry_msgs/msg/"
-_OTHERS = {
+# How many float64 a type holds in all, and where among them those of a form begin. One of them, the
+# third number, may be −1 to say that there is no such quantity (REP 145).
+_OTHERS: dict[str, dict[str, tuple[int, ...]]] = {
     QUATERNION: {
-        _GEOMETRY + "Quaternion": _Layout(4, 0),
-        _GEOMETRY + "Pose": _Layout(7, 3),
-        _GEOMETRY + "PoseStamped": _Layout(7, 3),
-        _GEOMETRY + "PoseWithCovarianceStamped": _Layout(43, 3),
-        _IMU: _Layout(37, 0, 4),
+        _GEOMETRY + "Quaternion": (4, 0),
+        _GEOMETRY + "Pose": (7, 3),
+        _GEOMETRY + "PoseStamped": (7, 3),
+        _GEOMETRY + "PoseWithCovarianceStamped": (43, 3),
+        _IMU: (37, 0, 4),
     },
     VECTOR: {
-        _GEOMETRY + "Vector3": _Layout(3, 0),
-        _GEOMETRY + "Twist": _Layout(6, 3),
-        _GEOMETRY + "TwistStamped": _Layout(6, 3),
-        _GEOMETRY + "Wrench": _Layout(6, 3),
-        MSGTYPES[WRENCH]: _Layout(6, 3),
-        _IMU: _Layout(37, 13, 16),
+        _GEOMETRY + "Vector3": (3, 0),
+        _GEOMETRY + "Twist": (6, 3),
+        _GEOMETRY + "TwistStamped": (6, 3),
+        _GEOMETRY + "Wrench": (6, 3),
+        MSGTYPES[WRENCH]: (6, 3),
+        _IMU: (37, 13, 16),
     },
-    POINT: {MSGTYPES[VECTOR]: _Layout(3, 0)},
-    MAGNETIC: {MSGTYPES[VECTOR]: _Layout(3, 0)},
+    POINT: {MSGTYPES[VECTOR]: (3, 0)},
+    MAGNETIC: {MSGTYPES[VECTOR]: (3, 0)},
     WRENCH: {
-        _GEOMETRY + "Vector3": _Layout(3, 0),
-        _GEOMETRY + "Wrench": _Layout(6, 3),
-        MSGTYPES[VECTOR]: _Layout(3, 0),
+        _GEOMETRY + "Vector3": (3, 0),
+        _GEOMETRY + "Wrench": (6, 3),
+        MSGTYPES[VECTOR]: (3, 0),
     },
 }
 _UNSTAMPED = frozenset(_GEOMETRY + n for n in ("Quaternion", "Pose", "Vector3", "Twist", "Wrench"))
@@ -78,65 +65,19 @@ def is_stamped(msgtype: str) -> bool:
 
 
 def decode_rows(topic: Topic, msgtype: str, rows: NDArray[np.uint8]) -> Rows:
-    """Decode many messages of one length at once, of any of the `carriers` of a topic.
+    """Decode many messages of any of the `carriers` of a topic; as `Reader.decode_rows`.
 
-    Parameters
-    ----------
-    topic : Topic
-        Topic whose quantity is to be read.
-    msgtype : str
-        ROS type of the messages.
-    rows : ndarray of uint8, shape (n, length)
-        The bytes of one message in each row, in either byte order.
-
-    Returns
-    -------
-    stamps_ns : ndarray of int64, shape (n,)
-        Zero where the type has no stamp.
-    values : ndarray of float64, shape (n, width)
-    readable : ndarray of bool, shape (n,)
-        False where a row is not a message of this type, says that it has no such quantity, or has
-        a zero quaternion in another type than the topic's own. In the topic's own type a zero
-        quaternion says that there is no estimate yet.
+    No row is readable that says that there is no such quantity. In another type than the topic's
+    own this holds for a zero quaternion; in its own, that says that there is no estimate yet.
     """
     if msgtype == topic.msgtype:
-        stamps, values, readable = Codec(topic).decode_rows(rows)
-    else:
-        stamps, values, readable = _decode_others(topic, msgtype, rows)
-        if topic.form == QUATERNION:
-            readable &= values.any(axis=1)
+        return Codec(topic).decode_rows(rows)
+    size, first, *absent = _OTHERS[topic.form][msgtype]
+    places = [*range(first, first + topic.width), *absent]
+    reader = Reader(msgtype, size, places, stamped=is_stamped(msgtype))
+    stamps, numbers, readable = reader.decode_rows(rows)
+    values = numbers[:, : topic.width]
+    readable &= (numbers[:, topic.width :] != -1.0).all(axis=1)
+    if topic.form == QUATERNION:
+        readable &= values.any(axis=1)
     return stamps, values, readable
-
-
-def _decode_others(topic: Topic, msgtype: str, rows: NDArray[np.uint8]) -> Rows:
-    """Decode messages of another type, grouped by byte order and length of the frame name."""
-    layout, stamped = _OTHERS[topic.form][msgtype], is_stamped(msgtype)
-    stamps = np.zeros(len(rows), np.int64)
-    values = np.full((len(rows), topic.width), np.nan)
-    readable = np.zeros(len(rows), np.bool_)
-    heads = rows[:, [0, 1, 12, 13, 14, 15] if stamped and rows.shape[1] > 15 else [0, 1]]
-    order_of_heads = np.lexsort(heads.T)
-    borders = np.flatnonzero(np.diff(heads[order_of_heads], axis=0).any(axis=1)) + 1
-    for alike in np.split(order_of_heads, borders) if len(rows) else ():
-        part = rows[alike]
-        try:
-            order, start = _start(part[0].tobytes(), msgtype, layout.size, stamped)
-        except CdrError:
-            continue
-        numbers = part[:, start : start + 8 * layout.size].view(order + "f8")
-        values[alike] = numbers[:, layout.first : layout.first + topic.width]
-        readable[alike] = True if layout.absent is None else numbers[:, layout.absent] != -1.0
-        if stamped:
-            stamps[alike] = stamps_of_rows(part, order)
-    return stamps, values, readable
-
-
-def _start(data: bytes, msgtype: str, count: int, stamped: bool) -> tuple[str, int]:
-    """Byte order, and offset of the first float64."""
-    if stamped:
-        order, _, start = stamped_layout(data, msgtype, count)
-        return order, start
-    order = byte_order(data)
-    if len(data) < 4 + 8 * count:
-        raise CdrError(f"{len(data)} bytes are too few for a {msgtype}")
-    return order, 4

@@ -27,6 +27,7 @@ middleware of ROS sends, in either byte order.
 import math
 import struct
 from collections.abc import Sequence
+from contextlib import suppress
 from operator import itemgetter
 from string import ascii_lowercase
 from typing import NamedTuple
@@ -89,46 +90,27 @@ class Sample(NamedTuple):
     values: tuple[float, ...]
 
 
-class Codec:
-    """Encoder and decoder for the messages of one topic: a stamp, a frame name, float64 numbers."""
+class Reader:
+    """Decoder for messages of a type that has `count` float64, of which those at `places` are read.
 
-    def __init__(self, topic: Topic) -> None:
-        self.topic = topic
-        layout = _LAYOUTS[topic.form]
-        self._count = len(layout)
-        letters = sorted(set(layout) - {"o", "-"})[: topic.width]
-        # From the numbers of a sample, with 0 and −1 behind them, to those of the message, and
-        # back; what a sample of fewer numbers than the form leaves over is zero too.
-        order = {"-": -1, **{letter: k for k, letter in enumerate(letters)}}
-        self._spread = itemgetter(*(order.get(each, -2) for each in layout))
-        self._places = [layout.index(letter) for letter in letters]
+    They begin behind a header; of a type that is not `stamped`, at once; of a JointState, behind
+    the names of `joints`, in the list that these use.
+    """
+
+    def __init__(
+        self,
+        msgtype: str,
+        count: int,
+        places: Sequence[int],
+        *,
+        joints: Joints | None = None,
+        stamped: bool = True,
+    ) -> None:
+        self._msgtype, self._count, self._places = msgtype, count, list(places)
+        self._joints, self._stamped = joints, stamped
         first, end = self._places[0], self._places[-1] + 1
         adjacent = self._places == [*range(first, end)]
         self._pick = itemgetter(slice(first, end)) if adjacent else itemgetter(*self._places)
-        name = topic.frame_id.encode() + b"\0"
-        self._name_length = len(name)
-        # All between the length of the frame name and the numbers, and the bytes behind them.
-        joints = JOINTS.get(topic.form)
-        self._head, behind = _around_joints(name, joints) if joints else (name, 0)
-        length = len(self._head)
-        self._struct = struct.Struct(f"<4siII{length}s{-(12 + length) % 8}x{self._count}d{behind}x")
-        # How our own messages look, for the fast way of `decode`.
-        self._frame = struct.pack("<I", self._name_length) + self._head
-        self._frame_end = 12 + len(self._frame)
-        self._numbers = struct.Struct(f"<{self._count}d")
-        self._start = self._struct.size - behind - self._numbers.size
-
-    def encode(self, stamp_ns: int, values: Sequence[float]) -> bytes:
-        """Bytes of the message with this stamp and these numbers (of a wrench: the torque)."""
-        sec, nanosec = divmod(stamp_ns, NANOSECONDS)
-        return self._struct.pack(
-            _LITTLE_ENDIAN,
-            sec,
-            nanosec,
-            self._name_length,
-            self._head,
-            *self._spread((*values, 0.0, -1.0)),
-        )
 
     def decode(self, data: bytes) -> Sample:
         """Stamp, frame and numbers of a message in either byte order.
@@ -136,24 +118,14 @@ class Codec:
         Raises
         ------
         CdrError
-            The bytes are not a message of this topic's type.
+            The bytes are not a message of this type.
         """
-        if (
-            len(data) == self._struct.size
-            and data[12 : self._frame_end] == self._frame
-            and data[:2] == _OURS
-        ):
-            values = self._pick(self._numbers.unpack_from(data, self._start))
-            return Sample(_stamp(data), self.topic.frame_id, values)
         order, length, start = self._layout(data)
-        frame_id = data[_AFTER_STAMP + 4 : _AFTER_STAMP + 3 + length].decode(errors="replace")
         values = self._pick(struct.unpack_from(f"{order}{self._count}d", data, start))
+        if not self._stamped:
+            return Sample(0, "", values)
+        frame_id = data[_AFTER_STAMP + 4 : _AFTER_STAMP + 3 + length].decode(errors="replace")
         return Sample(_stamp(data, order), frame_id, values)
-
-    def force(self, data: bytes) -> tuple[float, ...]:
-        """Force of a message, a wrench that `decode` accepts [N]."""
-        order, _, start = self._layout(data)
-        return struct.unpack_from(f"{order}{self._places[0]}d", data, start)
 
     def decode_rows(
         self, rows: NDArray[np.uint8]
@@ -168,44 +140,94 @@ class Codec:
         Returns
         -------
         stamps_ns : ndarray of int64, shape (n,)
+            Zero where the type has no stamp.
         values : ndarray of float64, shape (n, width)
         readable : ndarray of bool, shape (n,)
-            False where a row is not a message of this topic's type.
+            False where a row is not a message of this type.
         """
-        count = len(rows)
-        stamps: NDArray[np.int64] = np.zeros(count, np.int64)
-        values = np.full((count, self.topic.width), np.nan)
-        alike: NDArray[np.bool_] = np.zeros(count, np.bool_)
-        try:
+        stamps = np.zeros(len(rows), np.int64)
+        values = np.full((len(rows), len(self._places)), np.nan)
+        readable = np.zeros(len(rows), np.bool_)
+        with suppress(CdrError):
             order, _, start = self._layout(rows[0].tobytes())
-        except CdrError:
-            start = 0
-        if start:
             # Rows with the encoding and the name length of the first have its layout; those of
             # joints with the same names.
-            named = slice(12, start if self.topic.form in JOINTS else 16)
-            alike = _hold(rows, 0, rows[0, :2].tobytes())
-            alike &= _hold(rows, named.start, rows[0, named].tobytes())
-            stamps = stamps_of_rows(rows, order)
+            readable = _hold(rows, 0, rows[0, :2].tobytes())
+            if self._stamped:
+                named = slice(_AFTER_STAMP, start if self._joints else _AFTER_STAMP + 4)
+                readable &= _hold(rows, named.start, rows[0, named].tobytes())
+                stamps = _stamps_of_rows(rows, order)
             numbers = rows[:, start : start + 8 * self._count].view(order + "f8")
             values[:] = numbers[:, self._places]
-        for row in np.flatnonzero(~alike):
-            try:
-                sample = self.decode(rows[row].tobytes())
-            except CdrError:
-                continue
-            stamps[row], values[row], alike[row] = sample.stamp_ns, sample.values, True
-        return stamps, values, alike
+        for row in np.flatnonzero(~readable):
+            with suppress(CdrError):
+                stamps[row], _, values[row] = self.decode(rows[row].tobytes())
+                readable[row] = True
+        return stamps, values, readable
+
+    def _layout(self, data: bytes) -> tuple[str, int, int]:
+        """Byte order, length of the frame name with its NUL, offset of the first float64."""
+        if self._joints:
+            return _joint_layout(data, self._msgtype, self._joints)
+        if self._stamped:
+            return _stamped_layout(data, self._msgtype, self._count)
+        order = _byte_order(data)
+        if len(data) < 4 + 8 * self._count:
+            raise CdrError(f"{len(data)} bytes are too few for a {self._msgtype}")
+        return order, 0, 4
+
+
+class Codec(Reader):
+    """Encoder and decoder for the messages of one topic: a stamp, a frame name, float64 numbers."""
+
+    def __init__(self, topic: Topic) -> None:
+        self.topic = topic
+        layout = _LAYOUTS[topic.form]
+        letters = sorted(set(layout) - {"o", "-"})[: topic.width]
+        joints = JOINTS.get(topic.form)
+        places = [layout.index(letter) for letter in letters]
+        super().__init__(topic.msgtype, len(layout), places, joints=joints)
+        # From the numbers of a sample, with 0 and −1 behind them, to those of the message; what a
+        # sample of fewer numbers than the form leaves over is zero too.
+        order = {"-": -1, **{letter: k for k, letter in enumerate(letters)}}
+        self._spread = itemgetter(*(order.get(each, -2) for each in layout))
+        name = topic.frame_id.encode() + b"\0"
+        # All between the stamp and the numbers, and how many bytes are behind them.
+        head, behind = _around_joints(name, joints) if joints else (name, 0)
+        self._frame = struct.pack("<I", len(name)) + head
+        length = len(self._frame)
+        self._struct = struct.Struct(f"<4siI{length}s{-length % 8}x{self._count}d{behind}x")
+        # Where the parts of our own messages are, for the fast way of `decode`.
+        self._frame_end = _AFTER_STAMP + length
+        self._numbers = struct.Struct(f"<{self._count}d")
+        self._start = self._struct.size - behind - self._numbers.size
+
+    def encode(self, stamp_ns: int, values: Sequence[float]) -> bytes:
+        """Bytes of the message with this stamp and these numbers (of a wrench: the torque)."""
+        sec, nanosec = divmod(stamp_ns, NANOSECONDS)
+        numbers = self._spread((*values, 0.0, -1.0))
+        return self._struct.pack(_LITTLE_ENDIAN, sec, nanosec, self._frame, *numbers)
+
+    def decode(self, data: bytes) -> Sample:
+        """As `Reader.decode`, in a fast way for messages that look like our own."""
+        if (
+            len(data) == self._struct.size
+            and data[_AFTER_STAMP : self._frame_end] == self._frame
+            and data[:2] == _OURS
+        ):
+            values = self._pick(self._numbers.unpack_from(data, self._start))
+            return Sample(_stamp(data), self.topic.frame_id, values)
+        return super().decode(data)
+
+    def force(self, data: bytes) -> tuple[float, ...]:
+        """Force of a message, a wrench that `decode` accepts [N]."""
+        order, _, start = self._layout(data)
+        return struct.unpack_from(f"{order}{self._places[0]}d", data, start)
 
     def other_frames(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
         """Which messages, a row each as of `decode_rows`, have another frame than the topic."""
         # With the NUL that ends it, so that a longer name is another one.
         return ~_hold(rows, _AFTER_STAMP + 4, self.topic.frame_id.encode() + b"\0")
-
-    def _layout(self, data: bytes) -> tuple[str, int, int]:
-        if self.topic.form in JOINTS:
-            return _joint_layout(data, self.topic)
-        return stamped_layout(data, self.topic.msgtype, self._count)
 
 
 def _around_joints(name: bytes, joints: Joints) -> tuple[bytes, int]:
@@ -218,17 +240,16 @@ def _around_joints(name: bytes, joints: Joints) -> tuple[bytes, int]:
     return name + struct.pack(f"<{len(counts)}I", *counts), 4 * (2 - joints.place)
 
 
-def _joint_layout(data: bytes, topic: Topic) -> tuple[str, int, int]:
-    """As `stamped_layout`, of a JointState: where its list of a topic's form begins."""
-    order, length, _ = stamped_layout(data, topic.msgtype, 0)
+def _joint_layout(data: bytes, msgtype: str, joints: Joints) -> tuple[str, int, int]:
+    """As `_stamped_layout`, of a JointState: where the list that these joints use begins."""
+    order, length, _ = _stamped_layout(data, msgtype, 0)
     at = _AFTER_STAMP + 4 + length
-    joints = JOINTS[topic.form]
 
     def number() -> int:
         nonlocal at
         at += -at % 4
         if at + 4 > len(data):
-            raise CdrError(f"{len(data)} bytes are too few for a {topic.msgtype}")
+            raise CdrError(f"{len(data)} bytes are too few for a {msgtype}")
         (value,) = struct.unpack_from(order + "I", data, at)
         at += 4
         return int(value)
@@ -240,7 +261,7 @@ def _joint_layout(data: bytes, topic: Topic) -> tuple[str, int, int]:
         at += text
         if name in ours and ours.index(name) != k:
             raise CdrError(
-                f"a {topic.msgtype} with {name.decode()} at place {k}; allowed: {joints.part}s in "
+                f"a {msgtype} with {name.decode()} at place {k}; allowed: {joints.part}s in "
                 "their order"
             )
     for _ in range(joints.place + 1):
@@ -249,22 +270,16 @@ def _joint_layout(data: bytes, topic: Topic) -> tuple[str, int, int]:
         at = start + 8 * count
     if count != joints.number:
         raise CdrError(
-            f"a {topic.msgtype} for {count} joints; allowed: {joints.number}, one per {joints.part}"
+            f"a {msgtype} for {count} joints; allowed: {joints.number}, one per {joints.part}"
         )
     if at > len(data):
-        raise CdrError(f"{len(data)} bytes are too few for a {topic.msgtype}")
+        raise CdrError(f"{len(data)} bytes are too few for a {msgtype}")
     return order, length, start
 
 
-def stamped_layout(data: bytes, msgtype: str, count: int) -> tuple[str, int, int]:
-    """Byte order, length of the frame name with its NUL, offset of the first of `count` float64.
-
-    Raises
-    ------
-    CdrError
-        The bytes are no header with `count` float64 behind it.
-    """
-    order = byte_order(data)
+def _stamped_layout(data: bytes, msgtype: str, count: int) -> tuple[str, int, int]:
+    """As `Reader._layout`, of a message that is a header and `count` float64."""
+    order = _byte_order(data)
     if len(data) < _AFTER_STAMP + 4:
         raise CdrError(f"{len(data)} bytes are too few for a header")
     (length,) = struct.unpack_from(order + "I", data, _AFTER_STAMP)
@@ -289,7 +304,7 @@ def _hold(rows: NDArray[np.uint8], at: int, what: bytes) -> NDArray[np.bool_]:
     return held
 
 
-def stamps_of_rows(rows: NDArray[np.uint8], order: str) -> NDArray[np.int64]:
+def _stamps_of_rows(rows: NDArray[np.uint8], order: str) -> NDArray[np.int64]:
     """Stamps [ns] of messages that have one, a row each of shape (n, length), in a byte order."""
     stamps = rows[:, 4:8].view(order + "i4")[:, 0].astype(np.int64)
     stamps *= NANOSECONDS
@@ -303,7 +318,7 @@ def _stamp(data: bytes, order: str = "<") -> int:
     return int(sec) * NANOSECONDS + int(nanosec)
 
 
-def byte_order(data: bytes) -> str:
+def _byte_order(data: bytes) -> str:
     """Byte order of a message that has a stamp."""
     if len(data) < _AFTER_STAMP:
         raise CdrError(f"{len(data)} bytes are too few for a stamp")
@@ -329,7 +344,7 @@ def header_stamp(data: bytes, msgtype: str) -> int | None:
     if len(data) >= _AFTER_STAMP and data.startswith(_OURS):  # the recorder reads every stamp
         return _stamp(data)
     try:
-        return _stamp(data, byte_order(data))  # a header begins as a clock does
+        return _stamp(data, _byte_order(data))  # a header begins as a clock does
     except CdrError:
         return None
 
