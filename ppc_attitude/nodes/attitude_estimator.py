@@ -24,7 +24,6 @@ from ppc_attitude.contract.topics import ESTIMATOR, Topic
 from ppc_attitude.nodes.component_node import ComponentNode
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.fixes import Fixes
-from ppc_attitude.runtime.health import Status
 from ppc_attitude.runtime.stamps import Instant
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.sensors.arrivals import Slots, check_slots
@@ -34,6 +33,7 @@ class AttitudeEstimator(ComponentNode):
     """Runs the selected filter at an instant, once its samples and the due fix have come."""
 
     executable = ESTIMATOR
+    tells_advice = True
 
     def new_instant(self, topics: Sequence[Topic]) -> Instant:
         """Return what collects the samples of an instant, and joins the fixes to them."""
@@ -64,10 +64,6 @@ class AttitudeEstimator(ComponentNode):
         lost, useless = (self._fixes.lost, self._fixes.useless) if self._fixes else (0, 0)
         counts = {"fixes not there in time": lost, "fixes after a newer one": useless}
         return {**super().details(), **counts}
-
-    def status(self) -> Status:
-        """Status of the filter, or that of every component node."""
-        return self.advised(super().status())
 
 
 main = partial(run_node, AttitudeEstimator)

@@ -41,6 +41,7 @@ class ComponentNode(BaseNode):
     goes on whether or not an estimator does.
     """
 
+    tells_advice = False  # its status is the advice of its components, if they have any
     _exchanges: tuple[set[str], set[str]] | None = None  # columns read and given, once it runs
 
     def __init__(self) -> None:
@@ -161,28 +162,23 @@ class ComponentNode(BaseNode):
         self.arm()
         self.health.begin_again()
 
-    def advised(self, status: Status) -> Status:
-        """Status with the advice of the components, once they run."""
-        for part in self.chain.parts:
-            if status.level != STALE and part.advice.text:
-                text, warning, failed, _ = part.advice
-                level = ERROR if failed else WARN if warning else status.level
-                status = Status(level, text, status.details)
-        return status
-
     def details(self) -> dict[str, Any]:
         """Numbers for `/diagnostics`."""
         return {"steps": self._steps, "instants incomplete": self._instant.dropped}
 
     def status(self) -> Status:
-        """Waiting for inputs, outside an envelope, or running."""
+        """Waiting for inputs, outside an envelope, advised, or running."""
         told = [part.normalised_errors() for part in self.chain.parts]
         normalised = {name: value for each in told for name, value in each.items()}
         margins = {f"{name} margin": 1.0 - value for name, value in normalised.items()}
         details = {**self.details(), **margins, **self.chain.numbers}
         if self.is_idle():
             return Status(STALE, self._missing(), details)
-        outside = [name for name, value in normalised.items() if value > 1.0]
-        if outside:
-            return Status(WARN, f"error outside {', '.join(outside)}", details)
-        return Status(OK, "running", details)
+        level, summary = OK, "running"
+        if outside := [name for name, value in normalised.items() if value > 1.0]:
+            level, summary = WARN, f"error outside {', '.join(outside)}"
+        for part in self.chain.parts if self.tells_advice else ():
+            if part.advice.text:
+                summary, warning, failed, _ = part.advice
+                level = ERROR if failed else WARN if warning else level
+        return Status(level, summary, details)

@@ -23,17 +23,13 @@ from functools import partial
 from ppc_attitude.contract.topics import ALLOCATOR
 from ppc_attitude.nodes.component_node import ComponentNode
 from ppc_attitude.nodes.running import run_node
-from ppc_attitude.runtime.health import Status
 
 
 class WheelAllocator(ComponentNode):
     """Runs the selected allocator."""
 
     executable = ALLOCATOR
-
-    def status(self) -> Status:
-        """What every component node says, or which wheels are lost."""
-        return self.advised(super().status())
+    tells_advice = True  # such as which wheels are lost
 
 
 main = partial(run_node, WheelAllocator)
