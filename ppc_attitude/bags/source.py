@@ -15,6 +15,7 @@
 """What both storages give the reader: channels, and messages in large blocks."""
 
 from collections.abc import Iterator
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -53,12 +54,11 @@ def merge_blocks(blocks: Iterator[Block]) -> Iterator[Block]:
     pending: list[Block] = []
     size = 0
     for block in blocks:
-        more = 0 if pending and block.data is pending[-1].data else len(block.data)
-        if pending and more and size + more > _BLOCK_BYTES:
+        if pending and size + len(block.data) > _BLOCK_BYTES:
             yield _merge(pending)
             pending, size = [], 0
         pending.append(block)
-        size += more
+        size += len(block.data)
     if pending:
         yield _merge(pending)
 
@@ -66,21 +66,10 @@ def merge_blocks(blocks: Iterator[Block]) -> Iterator[Block]:
 def _merge(blocks: list[Block]) -> Block:
     if len(blocks) == 1:
         return blocks[0]
-    parts: list[Bytes] = []
-    offsets = []
-    start = end = 0
-    for block in blocks:
-        if not parts or block.data is not parts[-1]:  # blocks of one chunk share its bytes
-            parts.append(block.data)
-            start, end = end, end + len(block.data)
-        offsets.append(block.offset + start)
-    return Block(
-        np.concatenate(parts),
-        np.concatenate([block.channel for block in blocks]),
-        np.concatenate([block.time for block in blocks]),
-        np.concatenate(offsets),
-        np.concatenate([block.length for block in blocks]),
-    )
+    starts = [0, *accumulate(len(block.data) for block in blocks[:-1])]
+    data, channel, time, _, length = map(np.concatenate, zip(*blocks, strict=True))
+    offset = [block.offset + start for block, start in zip(blocks, starts, strict=True)]
+    return Block(data, channel, time, np.concatenate(offset), length)
 
 
 def are_compressed(block: Block) -> bool:
