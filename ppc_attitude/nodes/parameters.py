@@ -121,10 +121,7 @@ class NodeParameters:
         proposed = dict(self.values)
         try:
             for parameter in parameters:
-                if parameter.name in self._table:
-                    entry = self._table[parameter.name]
-                    if entry.read_only:
-                        raise ConfigurationError(f"{parameter.name} has effect only at start")
+                if entry := self._table.get(parameter.name):
                     proposed[parameter.name] = entry.checked(with_lists(parameter.value))
             self._check(proposed)
         except ConfigurationError as error:
@@ -246,14 +243,11 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
         dynamic_typing=True,
     )
     # rcl compares a range's ends inclusively and knows no open end: only closed ones go there.
-    closed = parameter.low > -LARGEST and parameter.high < LARGEST
+    low, high = parameter.low, parameter.high
+    closed = low > -LARGEST and high < LARGEST
     if closed and not parameter.is_list and parameter.above == -float("inf"):
         if isinstance(parameter.default, int):
-            result.integer_range = [
-                IntegerRange(from_value=int(parameter.low), to_value=int(parameter.high))
-            ]
+            result.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
         else:
-            result.floating_point_range = [
-                FloatingPointRange(from_value=parameter.low, to_value=parameter.high)
-            ]
+            result.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     return result
