@@ -192,27 +192,28 @@ class BaseNode(Node):
 
     def await_recorder(self) -> float:
         """Begin to listen once the recorder does; return the time [s] until the next look."""
-        unheard = self._unrecorded()
-        if not unheard:
+        told = self._unrecorded()
+        if not told:
             self.waits = False
             tell(WAITING, "")
             for begin in self._subscribe:
                 begin()
             return 0.0
-        self.say_waiting(self._born, partial(_for_recorder, unheard))
+        self.say_waiting(self._born, lambda: told)
         BaseNode.wake(self)
         return _GRAPH_PERIOD
 
-    def _unrecorded(self) -> list[str]:
-        """Topics that this node sends or reads, and to which no recorder listens."""
+    def _unrecorded(self) -> str:
+        """Say to which of this node's topics no recorder listens yet; empty if it does to all."""
         sent = [publisher.topic_name for publisher in self._outgoing]
-        return [
+        unheard = [
             topic
             for topic in (*sent, *self._incoming, PARAMETER_EVENTS_TOPIC.name)
             if not any(
                 end.node_name == RECORDER for end in self.get_subscriptions_info_by_topic(topic)
             )
         ]
+        return f"waiting for {RECORDER} to listen to {', '.join(unheard)}" if unheard else ""
 
     def say_waiting(self, since: float, text: Callable[[], str]) -> None:
         """Log every few seconds what the node waits for since a time [s] of the monotonic clock.
@@ -291,7 +292,7 @@ class BaseNode(Node):
     def _publish_diagnostics(self) -> None:
         status = self.status()
         if self.waits:
-            status = Status(STALE, _for_recorder(self._unrecorded()), status.details)
+            status = Status(STALE, self._unrecorded(), status.details)
         if self._watch.found:
             status = Status(ERROR, self._watch.found, status.details)
         name, said = self.get_fully_qualified_name(), self.health.report(status, self.failure)
@@ -320,8 +321,3 @@ class BaseNode(Node):
                     text = f"{slow} did not take all of {publisher.topic_name}: this node ends"
                     self.get_logger().warning(text)
                     return
-
-
-def _for_recorder(unheard: Sequence[str]) -> str:
-    """Say on which topics a node waits for the recorder."""
-    return f"waiting for {RECORDER} to listen to {', '.join(unheard)}"

@@ -39,7 +39,6 @@ from ppc_attitude.processes.leaving import leaving
 from ppc_attitude.processes.telling import tell_broken
 from ppc_attitude.science.errors import ConfigurationError
 
-_HELP = {"-h", "--help"}
 # To spin until a future is done spares lock-step a fifteenth of its time, but each such call of the
 # events executor leaks 32 bytes, 2.7 GB a day in a node that wakes at 1 kHz. So it is used in full
 # flow alone, when a node wakes ten times a second: there the leak is 27 MB a day.
@@ -68,7 +67,7 @@ def run_node(make: type[BaseNode], arguments: Sequence[str] | None = None) -> in
     try:
         tune_transport()
         strange = rclpy.utilities.remove_ros_args(command_line)[1:]
-        if _HELP & set(strange):
+        if {"-h", "--help"} & set(strange):
             print(help_text(make.executable, sys.modules[make.__module__].__doc__ or ""))
             return DONE
         if strange:

@@ -247,13 +247,7 @@ def _awaited(topic: Topic) -> str:
 
 
 def _check_pace(values: Mapping[str, Any]) -> None:
-    """See that lock-step waits, so that requests are served, and that no command is late at once.
-
-    Raises
-    ------
-    ConfigurationError
-        Lock-step would wait for nobody, or on the wall clock every command would be too old.
-    """
+    """See that lock-step waits, so that requests are served, and no command is late at once."""
     if values["lockstep"]:
         if not values["wait_for"]:
             both = f"{TORQUE_COMMAND.name}, {DISTURBANCE.name} or both"
