@@ -57,6 +57,13 @@ def test_a_restarted_one_is_one_again_and_again() -> None:
     assert not judged(*lives[:100], *lives[:50], lives[100])  # what the one before sent comes late
 
 
+def test_messages_whose_numbers_the_middleware_does_not_tell_prove_nothing() -> None:
+    publishers = Publishers()
+    for _, stamp in alternating(1, 1):
+        publishers.hear(None, stamp, 0.0)
+    assert not publishers.several
+
+
 @pytest.mark.parametrize("begin", [(1, 1), (5000, 1), (1, 5000), (1, 400, 300)])
 def test_several_in_turns_are_several_wherever_they_began_to_count(begin: tuple[int, ...]) -> None:
     assert judged(*alternating(*begin))

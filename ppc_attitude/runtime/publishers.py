@@ -78,8 +78,13 @@ class Publishers:
         names = sorted(name or "a node without a name" for name in self._nodes.values())
         return ", ".join(names) or "nodes that have ended"
 
-    def hear(self, number: int, stamp_ns: int, now: float) -> None:
-        """Take the number that a publisher gave to a message, and the stamp [ns] in it."""
+    def hear(self, number: int | None, stamp_ns: int, now: float) -> None:
+        """Take the number that a publisher gave to a message, and the stamp [ns] in it.
+
+        Not every middleware tells the number; without it a message proves nothing.
+        """
+        if number is None:
+            return
         known = self._known
         goes_on = bool(known) and known[0].number == number - 1  # from the one that spoke last
         turned = not goes_on and self._turn_to(number, stamp_ns, now)

@@ -202,8 +202,7 @@ class Recording:
         if now < self._heard:
             self._heard = now
         lane = self._lanes[name]
-        if number is not None:
-            lane.publishers.hear(number, stamp_ns, now)
+        lane.publishers.hear(number, stamp_ns, now)
         # Time may begin again before a lane has come beyond zero: the states tell.
         behind = lane.epoch < self._states.epoch
         if stamp_ns == 0 and (lane.heard > 0 or (lane.heard == 0 and behind)):
