@@ -216,7 +216,7 @@ class Codec(Reader):
             and data[:2] == _OURS
         ):
             values = self._pick(self._numbers.unpack_from(data, self._start))
-            return Sample(_stamp(data), self.topic.frame_id, values)
+            return Sample(_stamp(data, "<"), self.topic.frame_id, values)
         return super().decode(data)
 
     def force(self, data: bytes) -> tuple[float, ...]:
@@ -312,7 +312,7 @@ def _stamps_of_rows(rows: NDArray[np.uint8], order: str) -> NDArray[np.int64]:
     return stamps
 
 
-def _stamp(data: bytes, order: str = "<") -> int:
+def _stamp(data: bytes, order: str) -> int:
     """Stamp [ns] of a message that has one."""
     sec, nanosec = _STAMPS[order].unpack_from(data, _STAMP_OFFSET)
     return int(sec) * NANOSECONDS + int(nanosec)
@@ -341,8 +341,6 @@ def header_stamp(data: bytes, msgtype: str) -> int | None:
     """
     if msgtype not in _STAMPED:
         return None
-    if len(data) >= _AFTER_STAMP and data.startswith(_OURS):  # the recorder reads every stamp
-        return _stamp(data)
     try:
         return _stamp(data, _byte_order(data))  # a header begins as a clock does
     except CdrError:

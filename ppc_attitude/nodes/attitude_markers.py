@@ -26,7 +26,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
-from ppc_attitude.contract.cdr import Sample
 from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
     ATTITUDE,
@@ -35,7 +34,6 @@ from ppc_attitude.contract.topics import (
     MARKERS,
     MARKERS_TOPIC,
     REFERENCE_ATTITUDE,
-    Topic,
 )
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.marker_shapes import (
@@ -52,7 +50,6 @@ from ppc_attitude.nodes.messages import LatestSamples, publisher_of, subscribe
 from ppc_attitude.nodes.qos import LATE_PEER
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.health import OK, STALE, Status
-from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.attitude import rotate
 from ppc_attitude.science.component import BODY, DESIRED
 from ppc_attitude.science.guidance.scene import Scene, heard
@@ -74,7 +71,7 @@ class AttitudeMarkers(BaseNode):
     def __init__(self) -> None:
         super().__init__()
         topics = (ATTITUDE, REFERENCE_ATTITUDE, *(topic for topic, *_ in _TORQUES))
-        self._latest = LatestSamples(self, topics)
+        self._latest = LatestSamples(self, topics, self.refuse)
         self._publisher = publisher_of(self, MARKERS_TOPIC)
         self._broadcaster = _broadcaster(self)
         # Frames of several craft in one TF tree need names of their own.
@@ -96,7 +93,7 @@ class AttitudeMarkers(BaseNode):
         return min(super().wake(), self._looked_at + period - now)
 
     def _draw(self) -> None:
-        state = self._sample(ATTITUDE)
+        state = self._latest.get(ATTITUDE)
         if state is None or state.stamp_ns == self._stamp or not any(state.values):
             return  # nothing new, or no attitude is known
         if state.stamp_ns < self._stamp:
@@ -107,7 +104,7 @@ class AttitudeMarkers(BaseNode):
         attitude = quaternion(state.values)
         shown = [box(position, attitude), *axes(BODY, position, attitude, 1.0, 1.0)]
         frames = {BODY: attitude}
-        desired = self._sample(REFERENCE_ATTITUDE)
+        desired = self._latest.get(REFERENCE_ATTITUDE)
         if desired is not None:
             frames[DESIRED] = quaternion(desired.values)
             shown += axes(DESIRED, position, frames[DESIRED], 1.3, 0.4)
@@ -125,7 +122,7 @@ class AttitudeMarkers(BaseNode):
     def _torques(self, position: Vector, attitude: Quaternion) -> list[Any]:
         shown = []
         for topic, name, parameter, colour in _TORQUES:
-            sample = self._sample(topic)
+            sample = self._latest.get(topic)
             if sample is not None:
                 torque = rotate(attitude, vector(sample.values))
                 extent = scale(self.parameters[parameter], torque)
@@ -157,13 +154,6 @@ class AttitudeMarkers(BaseNode):
         shown += [gone(name, i) for name in names for i in range(count, self._cones)]
         self._cones = count
         return shown
-
-    def _sample(self, topic: Topic) -> Sample | None:
-        try:
-            return self._latest.get(topic)
-        except RefusedError as reason:
-            self.refuse(topic.name, str(reason))
-            return None
 
     def status(self) -> Status:
         """Waiting for states, or drawing."""

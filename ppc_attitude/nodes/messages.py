@@ -171,9 +171,15 @@ def take_gathered(subscription: Any) -> bool:
 
 
 class LatestSamples:
-    """The latest sample of some stamped topics, kept as it came and decoded when asked for."""
+    """The latest sample of some stamped topics, kept as it came and decoded when asked for.
 
-    def __init__(self, node: Node, topics: Sequence[Topic]) -> None:
+    `refuse` gets the topic's name and the reason, once, if the latest message must not be used.
+    """
+
+    def __init__(
+        self, node: Node, topics: Sequence[Topic], refuse: Callable[[str, str], None]
+    ) -> None:
+        self._refuse = refuse
         self._inboxes = {topic: Inbox(topic) for topic in topics}
         self._raw: dict[Topic, bytes] = {}  # what has not been asked for
         self._samples: dict[Topic, Sample] = {}
@@ -184,17 +190,14 @@ class LatestSamples:
         self._raw[topic] = data
 
     def get(self, topic: Topic) -> Sample | None:
-        """Latest sample of a topic; None if none has come, or if the latest was refused.
-
-        Raises
-        ------
-        RefusedError
-            The message must not be used; says why, once.
-        """
+        """Latest sample of a topic; None if none has come, or if the latest was refused."""
         data = self._raw.pop(topic, None)
         if data is not None:
             self._samples.pop(topic, None)
-            self._samples[topic] = self._inboxes[topic].read(data)
+            try:
+                self._samples[topic] = self._inboxes[topic].read(data)
+            except RefusedError as reason:
+                self._refuse(topic.name, str(reason))
         return self._samples.get(topic)
 
 

@@ -33,7 +33,6 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.nodes.messages import LatestSamples, subscribe
 from ppc_attitude.runtime.health import STALE, Status
-from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.stamps import NANOSECONDS
 
 _SILENT = 3  # [s] behind the states after which a topic has gone, or a node that is as long silent
@@ -61,7 +60,8 @@ class Onlooker:
         self._listen = listen
         self._count = node.count_publishers
         self._home = node.get_namespace()
-        self._latest = LatestSamples(node, WATCHED)
+        # The nodes themselves refuse what must not be used, and say so in their diagnostics.
+        self._latest = LatestSamples(node, WATCHED, lambda name, reason: None)
         self._health: dict[str, tuple[float, int, Status]] = {}  # when it came, and its stamp [ns]
         subscribe(node, DIAGNOSTICS_TOPIC, self._on_health)
 
@@ -79,14 +79,7 @@ class Onlooker:
         While states go on, a topic that has fallen silent is left out, and a silent node is stale.
         """
         self._listen(duration)
-        samples = {}
-        for topic in WATCHED:
-            try:
-                sample = self._latest.get(topic)
-            except RefusedError:
-                continue  # the nodes themselves refuse it, and say so in their diagnostics
-            if sample is not None:
-                samples[topic.name] = sample
+        samples = {each.name: sample for each in WATCHED if (sample := self._latest.get(each))}
         state = samples.get(ATTITUDE.name)
         now_ns, near = state.stamp_ns if state else 0, _SILENT * NANOSECONDS
         # A sample whose stamp is far ahead is from the time before a reset.
