@@ -20,7 +20,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from ppc_attitude.bags.errors import BagError, shortened
 from ppc_attitude.bags.foreign import Allowance, demand_plain, plain_file, unzstd
 from ppc_attitude.bags.marks import METADATA, UNFINISHED, claimed
 from ppc_attitude.bags.mcap_source import McapSource
-from ppc_attitude.bags.source import Block, Channel, are_compressed, decompressed, merge_blocks
+from ppc_attitude.bags.source import Block, Channel, Source, decompressed, merge_blocks
 from ppc_attitude.bags.sqlite_source import SqliteSource
 from ppc_attitude.contract.yaml_file import LARGEST, parsed, parsed_json
 
@@ -37,10 +37,6 @@ STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
 """Suffix of a storage file to the name of its storage."""
 _COMPRESSED = ".zstd"
 _INFORMATION = "rosbag2_bagfile_information"  # what the metadata hold, by this key
-Source: TypeAlias = McapSource | SqliteSource
-"""Its `channels` know the channel of every message handed out by `blocks`; its `custom_data` and
-`cut`, why the file ends early, and `damaged`, whether it may hold more, are complete when these
-are."""
 
 
 class Bag:
@@ -107,7 +103,7 @@ class Bag:
     ) -> Iterator[tuple[Mapping[int, Channel], Block]]:
         for raw in merge_blocks(source.blocks()):
             # The metadata, if there are any, also say whether messages are compressed.
-            block = decompressed(raw, allowance) if are_compressed(raw) else raw
+            block = decompressed(raw, allowance)
             for key, met in zip(*np.unique(block.channel, return_counts=True), strict=True):
                 self.counts[source.channels[int(key)].topic] += int(met)
             yield source.channels, block

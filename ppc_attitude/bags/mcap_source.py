@@ -33,7 +33,7 @@ import numpy as np
 from ppc_attitude.bags.custom_data import custom_data_in
 from ppc_attitude.bags.errors import BagError, shortened
 from ppc_attitude.bags.foreign import Allowance, plain_file, unlz4, unzstd
-from ppc_attitude.bags.source import Block, Bytes, Channel, Integers
+from ppc_attitude.bags.source import Block, Bytes, Channel, Integers, Source
 from ppc_attitude.science.kernel import kernel
 
 _MAGIC = b"\x89MCAP0\r\n"
@@ -43,7 +43,6 @@ _CHUNK_HEAD = struct.Struct("<QQQI")  # first and last time, uncompressed size, 
 _MESSAGE_HEAD = 22  # bytes of a message record before the payload
 _SMALLEST_MESSAGE = _RECORD.size + _MESSAGE_HEAD
 _WINDOW = 2**16  # bytes to read at a time; where bare messages end, the rest is read again
-_LONGEST_FLAW = 1_000  # characters
 _LONGEST_END = 2**20  # bytes of a record outside a chunk that may have been cut
 
 
@@ -51,28 +50,13 @@ class _DamageError(Exception):
     """The file is not MCAP from here on."""
 
 
-class McapSource:
-    """An MCAP file, whose chunks may become as large as the allowance says.
-
-    It stays open up to the end of `blocks`, so that it may be removed as soon as this is made.
-
-    Raises
-    ------
-    BagError
-        The file is empty or no MCAP file.
-    """
+class McapSource(Source):
+    """An MCAP file, whose chunks may become as large as the allowance says."""
 
     def __init__(self, path: Path, allowance: Allowance) -> None:
-        self._name = path.name
+        super().__init__(path)
         self._allowance = allowance
-        self.channels: dict[int, Channel] = {}
-        self.custom_data: dict[str, str] = {}
-        self.cut = ""
-        self.damaged = False
         self._schemas: dict[int, str] = {}
-        self._size = path.stat().st_size  # a bag that is being recorded is read up to here
-        if self._size == 0:
-            raise BagError(f"{path} is an empty file")
         self._file = plain_file(path)
         self._sum = crc32(magic := self._file.read(len(_MAGIC)))
         if not _MAGIC.startswith(magic):
@@ -85,9 +69,9 @@ class McapSource:
             try:
                 yield from self._records()
             except (_DamageError, struct.error) as error:
-                self._flaw(f"{self._name} is damaged near byte {self._file.tell()}: {error}")
+                self._flaw(f"{self.path.name} is damaged near byte {self._file.tell()}: {error}")
             except EOFError:
-                told = f"{self._name} ends without its index after {self._size} bytes"
+                told = f"{self.path.name} ends without its index after {self._size} bytes"
                 self._flaw(told, damaged=self._goes_on())
 
     def _goes_on(self) -> bool:
@@ -95,11 +79,6 @@ class McapSource:
         unread = self._size - self._file.tell()
         self._file.seek(max(len(_MAGIC), self._size - len(_MAGIC)))
         return unread > _LONGEST_END or self._file.read(len(_MAGIC)) == _MAGIC
-
-    def _flaw(self, text: str, *, damaged: bool = True) -> None:
-        self.damaged |= damaged
-        if text not in self.cut and len(self.cut) < _LONGEST_FLAW:
-            self.cut = f"{self.cut}; {text}" if self.cut else text
 
     def _records(self) -> Iterator[Block]:
         file = self._file
@@ -128,7 +107,7 @@ class McapSource:
                 if opcode in (_SCHEMA, _CHANNEL, _METADATA):
                     self._define(opcode, content)
                 elif opcode == _DATA_END and int.from_bytes(content, "little") not in (0, before):
-                    self._flaw(f"the checksum of the data in {self._name} is wrong")
+                    self._flaw(f"the checksum of the data in {self.path.name} is wrong")
             if length > left:
                 raise EOFError
 
@@ -176,7 +155,7 @@ class McapSource:
             if complete and checksum and crc32(records) != checksum:
                 raise BagError("its checksum is wrong")
         except BagError as error:  # where the next one begins is known
-            self._flaw(f"a chunk of {self._name} is left out: {error}")
+            self._flaw(f"a chunk of {self.path.name} is left out: {error}")
             return
         yield from self._chunk_records(np.frombuffer(records, np.uint8), size)
 
@@ -238,7 +217,7 @@ class McapSource:
         try:
             self.custom_data = custom_data_in(text) or self.custom_data
         except ValueError as error:
-            self._flaw(f"the metadata in {self._name} are damaged: {shortened(error)}")
+            self._flaw(f"the metadata in {self.path.name} are damaged: {shortened(error)}")
 
 
 def _text(content: bytes, position: int) -> tuple[str, int]:

@@ -14,8 +14,10 @@
 
 """What both storages give the reader: channels, and messages in large blocks."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from itertools import accumulate
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -23,12 +25,14 @@ import zstandard
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.foreign import Allowance, unzstd
 
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
 
 _BLOCK_BYTES = 8 * 2**20
+_LONGEST_FLAW = 1_000  # characters
 
 
 class Channel(NamedTuple):
@@ -47,6 +51,46 @@ class Block(NamedTuple):
     time: Integers
     offset: Integers
     length: Integers
+
+
+class Source(ABC):
+    """A storage file that stays open up to the end of `blocks`, so that a copy may be removed.
+
+    Attributes
+    ----------
+    channels : dict of int to Channel
+        The channel of every message that `blocks` has handed out.
+    custom_data : dict of str to str
+        What the file says about its run; complete after `blocks`, as the next two are.
+    cut : str
+        Why the file ends early or lacks something; empty if it is whole.
+    damaged : bool
+        Whether it may hold more than was read.
+
+    Raises
+    ------
+    BagError
+        The file is empty, or is not of this storage.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.channels: dict[int, Channel] = {}
+        self.custom_data: dict[str, str] = {}
+        self.cut = ""
+        self.damaged = False
+        self._size = path.stat().st_size  # a bag that is being recorded is read up to here
+        if self._size == 0:
+            raise BagError(f"{path} is an empty file")
+
+    @abstractmethod
+    def blocks(self) -> Iterator[Block]:
+        """Messages in the order of the file."""
+
+    def _flaw(self, text: str, *, damaged: bool = True) -> None:
+        self.damaged |= damaged
+        if text not in self.cut and len(self.cut) < _LONGEST_FLAW:
+            self.cut = f"{self.cut}; {text}" if self.cut else text
 
 
 def merge_blocks(blocks: Iterator[Block]) -> Iterator[Block]:
@@ -72,23 +116,21 @@ def _merge(blocks: list[Block]) -> Block:
     return Block(data, channel, time, np.concatenate(offset), length)
 
 
-def are_compressed(block: Block) -> bool:
-    """Whether all messages of a block are zstd frames, as no message in CDR is."""
-    frame = zstandard.FRAME_HEADER
-    if block.data[block.offset[0] :][: len(frame)].tobytes() != frame:
-        return False  # as in nearly every bag, without a look at all
-    return all(payload.startswith(frame) for payload in payloads_of(block))
-
-
 def decompressed(block: Block, allowance: Allowance) -> Block:
-    """Block of a bag whose messages were compressed one by one.
+    """Block with its messages unpacked, if all of them are zstd frames, as no message in CDR is.
 
     Raises
     ------
     BagError
-        A message is no zstd frame, or claims too much.
+        A frame is damaged, or claims too much.
     """
-    payloads = [b"".join(unzstd(payload, allowance)) for payload in payloads_of(block)]
+    frame = zstandard.FRAME_HEADER
+    if block.data[block.offset[0] :][: len(frame)].tobytes() != frame:
+        return block  # as in nearly every bag, without a look at all
+    packed = payloads_of(block)
+    if not all(payload.startswith(frame) for payload in packed):
+        return block
+    payloads = [b"".join(unzstd(payload, allowance)) for payload in packed]
     length = np.fromiter(map(len, payloads), np.int64, len(payloads))
     data = np.frombuffer(b"".join(payloads), np.uint8)
     return block._replace(data=data, offset=np.cumsum(length) - length, length=length)

@@ -33,7 +33,7 @@ import numpy as np
 from ppc_attitude.bags.custom_data import custom_data_in
 from ppc_attitude.bags.errors import BagError, shortened
 from ppc_attitude.bags.foreign import demand_plain, plain_file
-from ppc_attitude.bags.source import Block, Channel, Integers
+from ppc_attitude.bags.source import Block, Channel, Integers, Source
 
 _FUNCTIONS = {"group_concat", "length", "typeof"}
 _ANY = "TRUE"
@@ -58,26 +58,13 @@ _TABLES = {
 _JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
 
 
-class SqliteSource:
-    """A SQLite file; nobody writes a finished one any more, so no journal belongs to it.
-
-    It stays open up to the end of `blocks`, so that a finished one may be removed as soon as this
-    is made.
-
-    Raises
-    ------
-    BagError
-        The file is empty or no rosbag2 database.
-    """
+class SqliteSource(Source):
+    """A SQLite file; nobody writes a finished one any more, so no journal belongs to it."""
 
     def __init__(self, path: Path, finished: bool) -> None:
-        self.path = path
-        self.custom_data: dict[str, str] = {}
-        self.cut = ""
-        self._held = self._size = 0
+        super().__init__(path)
+        self._held = 0
         self._is_settled = finished  # nobody writes it any more
-        if path.stat().st_size == 0:
-            raise BagError(f"{path} is an empty file")
         self._database = self._open(finished)
         try:
             ((encoding,),) = self._database.execute("PRAGMA encoding")
@@ -108,15 +95,6 @@ class SqliteSource:
                     return
                 except _DAMAGE as error:
                     self._flaw(f"{self.path.name} is damaged: {_told(error)}")
-
-    @property
-    def damaged(self) -> bool:
-        """Whether the file may hold more than was read; complete after `blocks`."""
-        return bool(self.cut)  # every flaw of a database is of that kind
-
-    def _flaw(self, text: str) -> None:
-        if text not in self.cut:
-            self.cut = f"{self.cut}; {text}" if self.cut else text
 
     def _block(self, last: int, which: str) -> tuple[int, Block] | None:
         """Fetch messages behind an id as one block, and the id of the last; None if there are none.
@@ -197,10 +175,10 @@ class SqliteSource:
     def _open(self, finished: bool) -> sqlite3.Connection:
         path = self.path
         torn = _bytes_of_torn_page(path)
-        flaws = [f"{path.name} ends within a page"] if torn else []
+        if torn:
+            self._flaw(f"{path.name} ends within a page")
         if left := _left_aside(path, finished):
-            flaws.append(f"the unfinished transaction in {left} was left aside")
-        self.cut = "; ".join(flaws)
+            self._flaw(f"the unfinished transaction in {left} was left aside")
         copied = bool(torn) or (not finished and _is_half_done(path))
         self._is_settled |= copied
         with TemporaryDirectory() if copied else contextlib.nullcontext() as folder:
