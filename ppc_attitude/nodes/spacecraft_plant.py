@@ -187,7 +187,8 @@ class SpacecraftPlant(BaseNode):
         stamp_ns = header_stamp(data, RECORDED_TOPIC.msgtype)
         if stamp_ns is None:
             self.refuse(RECORDED_TOPIC.name, f"{RECORDED_TOPIC.name}: {len(data)} bytes, no stamp")
-        elif self._moved(self.pace.record, stamp_ns):
+        else:
+            self._moved(self.pace.record, stamp_ns)
             self.wake_now()
 
     def _moved(self, move: Callable[..., Any], *values: Any) -> Any:

@@ -158,13 +158,12 @@ class Pace(ABC):
         # One of the same stamp is a peer's repeated answer.
         return stamp_ns > stream.stamp and self._accept(stream, stamp_ns, values, now)
 
-    def record(self, stamp_ns: int, now: float) -> bool:
-        """Learn up to which stamp [ns] the recorder has written; True if `wake` has to be called.
+    def record(self, stamp_ns: int, now: float) -> None:
+        """Learn up to which stamp [ns] the recorder has written; then `wake` has to be called.
 
         Lock-step waits for it always, free-running at the first state only.
         """
         self._recorded = step_of(stamp_ns, self.rules.rate)
-        return False
 
     def _lags(self) -> bool:
         return self._recorded is not None and self.step - self._recorded > _LAG
@@ -284,11 +283,10 @@ class Lockstep(Pace):
         self._factor, self._first = self.rules.factor, 0
         super().begin(now)
 
-    def record(self, stamp_ns: int, now: float) -> bool:
+    def record(self, stamp_ns: int, now: float) -> None:
         """Go on if it was waited for."""
         super().record(stamp_ns, now)
         self._go(now)
-        return False
 
     def _missing(self) -> list[str]:
         """Which inputs have not come for the present instant."""
@@ -345,13 +343,11 @@ class FreeRunning(Pace):
         self._held = self.rules.inputs[self.rules.command]  # acts since the latest state
         super().begin(now)
 
-    def record(self, stamp_ns: int, now: float) -> bool:
+    def record(self, stamp_ns: int, now: float) -> None:
         """Begin, if it was waited for."""
-        begins = self._awaits_recorder()
-        super().record(stamp_ns, now)
-        if begins:
+        if self._awaits_recorder():
             self._origin = now
-        return begins
+        super().record(stamp_ns, now)
 
     def _awaits_recorder(self) -> bool:
         return self.step == 0 and self._lags()
