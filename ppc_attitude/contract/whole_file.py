@@ -16,8 +16,9 @@
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
+from itertools import count
 from pathlib import Path
 from typing import BinaryIO
 
@@ -35,7 +36,11 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     one. An OSError gets the name of the file, which it lacks if the disk is full.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished, opened = _opened(path)
+    for others in count():  # up to the first place that is free
+        unfinished = unfinished_of(path, others)
+        with suppress(FileExistsError):
+            opened = unfinished.open("xb")
+            break
     try:
         with opened as file:
             yield file
@@ -45,17 +50,6 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
         if isinstance(error, OSError):
             error.filename = error.filename or str(path)
         raise
-
-
-def _opened(path: Path) -> tuple[Path, BinaryIO]:
-    """Make and open the first place that is free."""
-    others = 0
-    while True:
-        unfinished = unfinished_of(path, others)
-        try:
-            return unfinished, unfinished.open("xb")
-        except FileExistsError:
-            others += 1
 
 
 def dated(folder: str) -> Path:

@@ -24,7 +24,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 
 from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
@@ -42,7 +42,6 @@ from ppc_attitude.nodes.marker_shapes import (
     axes,
     box,
     cone,
-    gone,
     header,
     transform,
 )
@@ -149,10 +148,12 @@ class AttitudeMarkers(BaseNode):
             look = (_KEPT_OUT if inside else _CLEAR, 1.0, 0.03)
             extent = scale(CONE_LENGTH, pointed)
             shown.append(arrow(("boresight", i), position, extent, look))
-        count = len(self._scene.cones)
-        names = ("keep_out", "boresight")
-        shown += [gone(name, i) for name in names for i in range(count, self._cones)]
-        self._cones = count
+        shown += [
+            Marker(ns=name, id=i, action=Marker.DELETE)
+            for name in ("keep_out", "boresight")
+            for i in range(len(self._scene.cones), self._cones)
+        ]
+        self._cones = len(self._scene.cones)
         return shown
 
     def status(self) -> Status:

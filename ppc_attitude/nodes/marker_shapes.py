@@ -122,11 +122,6 @@ def cone(
     return marker
 
 
-def gone(name: str, number: int) -> Marker:
-    """Return what takes a shape away."""
-    return Marker(ns=name, id=number, action=Marker.DELETE)
-
-
 def transform(child: str, position: kernel.Vector, attitude: kernel.Quaternion) -> TransformStamped:
     """Return the place of a frame in the inertial frame."""
     result = TransformStamped(child_frame_id=child)

@@ -47,7 +47,8 @@ def visiting(name: str, namespace: str) -> Iterator[Node]:
     ConfigurationError
         The namespace is invalid, or in this environment no node can start or find another.
     """
-    home = absolute_namespace(namespace)
+    home = f"/{namespace.strip('/')}"  # given with or without its slashes
+    check_name(validate_namespace, home, f"namespace {namespace!r}")
     check_discovery(os.environ)
     node = None
     try:
@@ -77,19 +78,6 @@ def _listen(executor: Executor, patience: float) -> None:
     end = time.monotonic() + patience
     while (left := end - time.monotonic()) > 0.0:
         executor.spin_once(timeout_sec=left)
-
-
-def absolute_namespace(text: str) -> str:
-    """Return a namespace, given with or without its slashes, as ROS takes it.
-
-    Raises
-    ------
-    ConfigurationError
-        It cannot be one.
-    """
-    result = f"/{text.strip('/')}"
-    check_name(validate_namespace, result, f"namespace {text!r}")
-    return result
 
 
 def no_state(namespace: str, patience: float) -> RunError:

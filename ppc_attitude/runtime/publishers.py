@@ -93,7 +93,10 @@ class Publishers:
         repeats = stamp_ns == before and now - speaker.at >= _REPEATS
         advances = before >= 0 and (0 < stamp_ns - before <= _LARGEST_STEP or repeats)
         if turned:
-            self._prove(min(speaker.stretch, known[1].stretch, _MOST_AT_ONCE), now)
+            if not self.several:
+                self._proved_at = now
+            self._proof += min(speaker.stretch, known[1].stretch, _MOST_AT_ONCE)
+            self._last_proof = now
             speaker.stretch = 0
         speaker.stretch += advances
         speaker.number, speaker.stamp_ns, speaker.at = number, stamp_ns, now
@@ -111,12 +114,6 @@ class Publishers:
             self.newest = now, stamp_ns
             del known[_MOST:]
         return False
-
-    def _prove(self, messages: int, now: float) -> None:
-        if not self.several:
-            self._proved_at = now
-        self._proof += messages
-        self._last_proof = now
 
     @property
     def several(self) -> bool:

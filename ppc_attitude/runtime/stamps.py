@@ -128,7 +128,12 @@ class Instant:
         parts = self._parts.setdefault(stamp_ns, {})
         parts[name] = values
         if len(parts) == len(self._names):
-            self._forget_until(stamp_ns)
+            # Those that began before it are dropped with it, because no topic goes back.
+            begun = list(self._parts)
+            overtaken = begun[: begun.index(stamp_ns)]
+            self.dropped += len(overtaken)
+            for stamp in (*overtaken, stamp_ns):
+                del self._parts[stamp]
             if self._completed is not None:  # a repeated one, overtaken by this
                 self._parts.pop(self._completed, None)
             self._completed = stamp_ns
@@ -160,11 +165,3 @@ class Instant:
         """Names that no incomplete instant has; all if there is none, or if they do not pair."""
         present = set().union(*self._parts.values())
         return tuple(name for name in self._names if name not in present) or self._names
-
-    def _forget_until(self, stamp_ns: int) -> None:
-        """Drop a complete instant and those that began before it, because no topic goes back."""
-        for stamp in list(self._parts):
-            del self._parts[stamp]
-            if stamp == stamp_ns:
-                return
-            self.dropped += 1
