@@ -156,7 +156,7 @@ def test_a_child_knows_the_named_folders_and_not_the_current_one(
     code, _ = ended(Child(f"ppc_attitude.nodes.{INJECTOR}", "--help", environment=environment))
     assert trap.with_name("caught").read_text() == ""
     assert code == 0
-    assert "parameters:" in capfd.readouterr().out
+    assert "parameters:" in capfd.readouterr().err
     assert seen.exists() == bool(entries.strip(":"))
 
 
@@ -253,6 +253,7 @@ def test_a_copy_is_a_process_like_any_other(
     assert process.returncode == 0, err
     assert err.count("ValueError: wrong") == 1
     assert out.count("not yet written") == 1
+    assert out.count("written") == 1, "what a child prints is no result"
     lines = [line for line in out.splitlines() if line.startswith("{")]
     for each, code, line in zip(("3", "raise", "kill"), (3, 1, -9), lines, strict=True):
         told = json.loads(line)

@@ -134,7 +134,6 @@ class Stack:
                     *options,
                     environment=self.environment,
                     inherited=[file.fileno()],
-                    stdout=2,  # ours is for results
                     hear=_pass_on,
                     copy=True,
                 )

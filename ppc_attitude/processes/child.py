@@ -55,9 +55,10 @@ SAY_WHERE = signal.SIGUSR1
 class Child:
     """The `main` of a module of this package as a process of its own.
 
-    The current folder is not on its path (see `start.py`). A request to end is granted at once
-    until the module does otherwise; the kernel sends SIGTERM when the starting thread has ended. A
-    Ctrl-C at the terminal does not reach the process: its starter ends it, in order.
+    The current folder is not on its path (see `start.py`). It prints to our standard error, because
+    our standard output is for results. A request to end is granted at once until the module does
+    otherwise; the kernel sends SIGTERM when the starting thread has ended. A Ctrl-C at the terminal
+    does not reach the process: its starter ends it, in order.
 
     Parameters
     ----------
@@ -69,8 +70,6 @@ class Child:
         Its environment.
     inherited : sequence of int
         File descriptors that it shares with this process.
-    stdout : int, optional
-        File descriptor to which it prints; default that of this process.
     hear : callable, optional
         Called by `listen` with each line of its standard error; default that of this process.
     copy : bool, optional
@@ -84,7 +83,6 @@ class Child:
         *arguments: str,
         environment: Mapping[str, str] = os.environ,
         inherited: Sequence[int] = (),
-        stdout: int | None = None,
         hear: Callable[[str], None] | None = None,
         copy: bool = False,
     ) -> None:
@@ -101,15 +99,14 @@ class Child:
         before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
         try:
             if copy and can_copy():
-                streams = (1 if stdout is None else stdout, 2 if errors is None else errors)
                 work = partial(begin, os.getpid(), theirs, module, *arguments)
-                self.process = Copy(partial(become, work, module, streams, kept, safe))
+                self.process = Copy(partial(become, work, module, errors or 2, kept, safe))
             else:
                 self.process = subprocess.Popen(
                     [sys.executable, _START, str(os.getpid()), str(theirs), module, *arguments],
                     env=safe,
                     stdin=subprocess.DEVNULL,
-                    stdout=stdout,
+                    stdout=2,
                     stderr=errors,
                     pass_fds=kept,
                     start_new_session=True,

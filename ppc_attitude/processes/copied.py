@@ -89,7 +89,7 @@ def can_copy() -> bool:
 def become(
     begin: Callable[[], int],
     name: str,
-    streams: tuple[int, int],
+    errors: int,
     kept: Collection[int],
     environment: Mapping[str, str],
 ) -> NoReturn:
@@ -101,8 +101,8 @@ def become(
         What it does; returns its exit code, and leaves by no exception.
     name : str
         The name under which it is listed.
-    streams : (int, int)
-        Which of our file descriptors are its standard output and error; its input is empty.
+    errors : int
+        Which of our file descriptors is its standard error; it prints to ours, its input is empty.
     kept : collection of int
         Which others it keeps.
     environment : mapping of str to str
@@ -112,7 +112,7 @@ def become(
     try:
         gc.freeze()  # no inherited object is finalised here: a file would close its reused number
         os.setsid()
-        theirs = [os.open(os.devnull, os.O_RDONLY), *map(os.dup, streams)]
+        theirs = [os.open(os.devnull, os.O_RDONLY), os.dup(2), os.dup(errors)]
         for number, stream in enumerate(theirs):
             os.dup2(stream, number)
         sys.stdout, sys.stderr = map(_printing_to, (1, 2))
