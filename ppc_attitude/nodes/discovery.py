@@ -28,7 +28,8 @@ import os
 import random
 import re
 import socket
-from collections.abc import Iterable, Mapping, MutableMapping
+from collections.abc import Mapping, MutableMapping
+from contextlib import suppress
 from pathlib import Path
 
 from ppc_attitude.science.errors import ConfigurationError
@@ -89,11 +90,7 @@ def check_discovery(environment: Mapping[str, str]) -> None:
 def _has_way(address: str) -> bool:
     """Whether this host has an interface for packets to an address; none is sent."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        try:
-            sender.connect((address, _PORT_BASE))
-        except OSError:
-            return False
-    return True
+        return sender.connect_ex((address, _PORT_BASE)) == 0
 
 
 def keeps_to_this_host(environment: Mapping[str, str]) -> bool:
@@ -124,23 +121,18 @@ def reach(environment: Mapping[str, str]) -> str:
 
 def unused_domains() -> list[int]:
     """Domains without a participant on this host; all domains if the system does not tell."""
-    used = {(port - _PORT_BASE) // _PORTS_PER_DOMAIN for port in _bound_ports()}
+    used = set()
+    for table in _SOCKETS:
+        with suppress(OSError):
+            for row in table.read_text(encoding="ascii").splitlines()[1:]:
+                port = int(row.split()[1].rpartition(":")[2], 16)  # of the local address
+                used.add((port - _PORT_BASE) // _PORTS_PER_DOMAIN)
     return [domain for domain in DOMAINS if domain not in used]
 
 
 def choose_domain() -> int:
     """Return a random domain, one that nobody uses if there is one."""
     return random.SystemRandom().choice(unused_domains() or DOMAINS)
-
-
-def _bound_ports() -> Iterable[int]:
-    for table in _SOCKETS:
-        try:
-            rows = table.read_text(encoding="ascii").splitlines()[1:]
-        except OSError:
-            continue
-        for row in rows:
-            yield int(row.split()[1].rpartition(":")[2], 16)  # the local address
 
 
 def tune_transport(environment: MutableMapping[str, str] = os.environ) -> None:
