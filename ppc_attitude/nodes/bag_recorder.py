@@ -76,7 +76,6 @@ _QUIET = 0.3  # [s] without a message after which all that was sent has arrived
 _RUNS_ON = 1.0  # [s] after it is asked to end; a node that still sends has not been asked
 _BATCH = 0.005  # [s] messages that arrive within this time are taken together
 _CALM = 0.05  # [s] of silence after which the executor waits for the next message, at 0.5 ms each
-_LISTEN = 0.05  # [s] between two looks at the topics that were silent
 _LONGEST = 0.1  # [s] after which a recorder in full flow looks for signals and services
 _CALLS = 5  # of the executor at each such look: for clock, timer, services and answers
 _LOOK_EARLY, _LOOK = 0.1, 0.25  # [s] between two looks at the graph: before a run, and during it
@@ -118,8 +117,6 @@ class BagRecorder(BaseNode):
         self._looked = -_LOOK
         self._ears: dict[str, _Ear] = {}  # by the full name of the topic
         self._names: dict[tuple[str, str], str] = {}  # that name, for each topic of each run
-        self._lively: list[_Ear] = []  # those that heard something when all were looked at
-        self._listened = 0.0
         self._announced: set[str] = set()
         self._incompatible: set[str] = set()
         self._recordings: dict[str, Recording] = {}  # by the namespace that is the run's home
@@ -213,7 +210,6 @@ class BagRecorder(BaseNode):
         )
         self._ears[name] = _Ear(home, topic, subscription)
         self._names[home, topic.name] = name
-        self._lively.clear()
         if old is not None:
             self.destroy_subscription(old.subscription)
 
@@ -299,12 +295,7 @@ class BagRecorder(BaseNode):
     def _take_gathered(self) -> None:
         """Take all that has arrived."""
         self._now = time.monotonic()
-        if self._now - self._listened < _LISTEN:
-            heard = [ear for ear in self._lively if take_gathered(ear.subscription)]
-        else:  # a look costs a few microseconds, and most topics of the contract are silent
-            self._listened = self._now
-            ears = tuple(self._ears.values())
-            heard = self._lively = [ear for ear in ears if take_gathered(ear.subscription)]
+        heard = [ear for ear in self._ears.values() if take_gathered(ear.subscription)]
         for home, recording in self._recordings.items():
             stamp = recording.progress(self._graph.awaited[home])
             if stamp is not None:
