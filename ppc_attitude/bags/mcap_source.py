@@ -203,7 +203,7 @@ class McapSource(Source):
             key, schema = struct.unpack_from("<HH", content)
             topic, position = _text(content, 4)
             _, position = _text(content, position)
-            qos = _table(content, position).get("offered_qos_profiles", "")
+            qos = _texts(content, position).get("offered_qos_profiles", "")
             channel = Channel(topic, self._schemas.get(schema, ""), qos)
             if self.channels.setdefault(key, channel) != channel:  # whose are its messages?
                 raise _DamageError(f"channel {key} is defined twice, with different content")
@@ -213,7 +213,7 @@ class McapSource(Source):
         name, position = _text(content, 0)
         if name != "rosbag2":
             return
-        text = _table(content, position).get("serialized_metadata", "")
+        text = _texts(content, position).get("serialized_metadata", "")
         try:
             self.custom_data = custom_data_in(text) or self.custom_data
         except ValueError as error:
@@ -226,7 +226,7 @@ def _text(content: bytes, position: int) -> tuple[str, int]:
     return content[position + 4 : end].decode(errors="replace"), end
 
 
-def _table(content: bytes, position: int) -> dict[str, str]:
+def _texts(content: bytes, position: int) -> dict[str, str]:
     (length,) = struct.unpack_from("<I", content, position)
     position += 4
     end = position + length

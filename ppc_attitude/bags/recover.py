@@ -73,7 +73,7 @@ def recover(path: Path | str) -> Recovery:
         try:
             cut = _cut(folder)
             with _new_folder(folder / _WORK) as work:
-                return (_put_beside if cut.damaged else _replace)(cut, folder, work)
+                return (_put_beside if cut.damaged else _put_in_place)(cut, folder, work)
         finally:
             os.close(descriptor)
     except OSError as error:
@@ -121,7 +121,7 @@ def _put_beside(cut: Bag, folder: Path, work: Path) -> Recovery:
     return recovery._replace(folder=target)
 
 
-def _replace(cut: Bag, folder: Path, work: Path) -> Recovery:
+def _put_in_place(cut: Bag, folder: Path, work: Path) -> Recovery:
     original = cut.files[0]
     if original.suffix == ".db3":
         settle(original, work)
