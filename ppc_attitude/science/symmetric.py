@@ -17,8 +17,7 @@
 import math
 from typing import TypeAlias
 
-from ppc_attitude.science.kernel import Matrix, Vector, dot, kernel, scale
-from ppc_attitude.science.lanes import added, multiple
+from ppc_attitude.science.kernel import Matrix, Vector, add, apply, dot, kernel, scale
 
 Symmetric: TypeAlias = tuple[float, float, float, float, float, float]
 
@@ -36,7 +35,7 @@ def transposed(m: Matrix) -> Matrix:
 @kernel
 def sum_of(m: Matrix, n: Matrix) -> Matrix:
     """M + N."""
-    return (added(m[0], n[0]), added(m[1], n[1]), added(m[2], n[2]))
+    return (add(m[0], n[0]), add(m[1], n[1]), add(m[2], n[2]))
 
 
 @kernel
@@ -46,18 +45,9 @@ def scaled(s: float, m: Matrix) -> Matrix:
 
 
 @kernel
-def _combined(columns: Matrix, weights: Vector) -> Vector:
-    """M a from the columns of M."""
-    x, y = multiple(weights[0], columns[0]), multiple(weights[1], columns[1])
-    product: Vector = added(added(x, y), multiple(weights[2], columns[2]))
-    return product
-
-
-@kernel
 def times_transposed(m: Matrix, n: Matrix) -> Matrix:
     """M Nᵀ: every element is a product of two rows."""
-    columns = transposed(n)
-    return (_combined(columns, m[0]), _combined(columns, m[1]), _combined(columns, m[2]))
+    return (apply(n, m[0]), apply(n, m[1]), apply(n, m[2]))
 
 
 @kernel
