@@ -45,31 +45,15 @@ FLAT = 1e-6  # sine of an angle below which wheels do not span the direction
 
 
 class WheelArray(NamedTuple):
-    """Wheels among which a torque is shared.
+    """Wheels among which a torque is shared."""
 
-    Attributes
-    ----------
-    axes : ndarray, shape (≥ number, 3)
-        Unit axes, body.
-    number : int
-        Number of wheels.
-    low, high : ndarray
-        Limits of each wheel [N·m]: low < 0 < high.
-    lost : ndarray
-        A mark for each wheel that takes no part.
-    given : ndarray
-        Room for one mark for each wheel.
-    torques : ndarray
-        Where the torques u [N·m] are written.
-    """
-
-    axes: Any
-    number: int
-    low: Any
+    axes: Any  # unit, body, shape (≥ number, 3)
+    number: int  # of wheels
+    low: Any  # limits of each wheel [N·m]: low < 0 < high
     high: Any
-    lost: Any
-    given: Any
-    torques: Any
+    lost: Any  # a mark for each wheel that takes no part
+    given: Any  # room for a mark for each wheel
+    torques: Any  # where the torques u [N·m] are written
 
 
 @kernel

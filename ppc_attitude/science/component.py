@@ -58,21 +58,11 @@ def norm_of(a: Any) -> float:
 
 
 class Joints(NamedTuple):
-    """Parts of one sort, such as wheels: one number of each in a list of a sensor_msgs/JointState.
+    """Parts of one sort, such as wheels: a number of each in a list of a sensor_msgs/JointState."""
 
-    Attributes
-    ----------
-    part : str
-        Name of a part, to which its message appends _ and the part's index.
-    number : int
-        How many numbers the column has, however many parts the craft has.
-    place : int
-        List of the message: 0 position, 1 velocity, 2 effort.
-    """
-
-    part: str
-    number: int
-    place: int
+    part: str  # name of a part, to which its message appends _ and the part's index
+    number: int  # how many numbers the column has, however many parts the craft has
+    place: int  # list of the message: 0 position, 1 velocity, 2 effort
 
 
 JOINTS = {

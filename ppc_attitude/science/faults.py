@@ -106,23 +106,13 @@ RECORD = record_type(("count", np.int64), ("fault", FAULT, (MOST_FAULTS,)))
 
 
 class Fault(NamedTuple):
-    """A fault as its text says it.
+    """A fault as its text says it."""
 
-    Attributes
-    ----------
-    part, kind : str
-        What fails, and how.
-    numbers : tuple of str
-        How much.
-    start_ns, end_ns : int
-        First instant [ns] at which it acts, and first one at which it no longer does.
-    """
-
-    part: str
-    kind: str
-    numbers: tuple[str, ...]
-    start_ns: int
-    end_ns: int
+    part: str  # what fails,
+    kind: str  # how,
+    numbers: tuple[str, ...]  # and how much
+    start_ns: int  # first instant [ns] at which it acts
+    end_ns: int  # first instant [ns] at which it no longer acts
 
     @property
     def what(self) -> str:

@@ -56,39 +56,19 @@ def _warn(text: str) -> None:
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of component: what its components have in common, and which there are.
+    """One kind of component: what its components have in common, and which there are."""
 
-    Attributes
-    ----------
-    name : str
-        Its folder in `science`, and the last part of its entry-point group.
-    selector : str
-        Name of the parameter that selects one; empty if there is nothing to select.
-    description : str
-        Of that parameter.
-    modules : tuple of str
-        Our components, by their file's name; the first one is the default.
-    gives : tuple of Column
-        Columns that each of its components gives.
-    optional : bool
-        True if there may be none, which is then the default.
-    switch : mapping of bool to str
-        Components that the values true and false select.
-    read_only : bool
-        True if one can be selected at start only.
-    front : str
-        Module whose `with_front` completes each component; empty if they are complete.
-    """
-
-    name: str
-    selector: str
-    description: str
-    modules: tuple[str, ...]
-    gives: tuple[Column, ...]
-    optional: bool = False
-    switch: Mapping[bool, str] = field(default_factory=dict)
-    read_only: bool = True
-    front: str = ""
+    name: str  # its folder in `science`, and the last part of its entry-point group
+    selector: str  # name of the parameter that selects one; empty if there is nothing to select
+    description: str  # of that parameter
+    modules: tuple[str, ...]  # our components, by their file's name; the first one is the default
+    gives: tuple[Column, ...]  # columns that each of its components gives
+    optional: bool = False  # true if there may be none, which is then the default
+    switch: Mapping[bool, str] = field(default_factory=dict)  # what the values true, false select
+    read_only: bool = True  # true if one can be selected at start only
+    front: str = ""  # module whose `with_front` completes each component; empty: they are complete
+    # Entry point of each component of another package; empty before they are loaded.
+    origins: dict[str, str] = field(default_factory=dict, init=False)
 
     @cached_property
     def components(self) -> dict[str, Component]:
@@ -114,11 +94,6 @@ class Kind:
     def points(self) -> Iterable[EntryPoint]:
         """Entry points of what other packages add."""
         return _installed().select(group=f"{_GROUP}{self.name}") if self.selector else ()
-
-    @cached_property
-    def origins(self) -> dict[str, str]:
-        """Entry point of each component of another package; empty before they are loaded."""
-        return {}
 
     def leave_out(self, name: str, problem: str) -> None:
         """Leave out a component of another package that does not go with the others, and warn.

@@ -50,49 +50,23 @@ _LARGEST_EXPONENT = 700.0  # e to it is still finite
 
 @dataclass(frozen=True)
 class EnvelopeTable:
-    """The five numbers that the paper's tables give for one envelope.
+    """The five numbers that the paper's tables give for one envelope."""
 
-    Attributes
-    ----------
-    initial : float
-        ρ_e0, value at t = 0.
-    exponential_terminal : float
-        ρ_e∞, where the exponential alone would end.
-    decay : float
-        l [1/s].
-    settling_time : float
-        t2 [s], from here on the envelope is `terminal`.
-    terminal : float
-        g∞.
-    """
-
-    initial: float
-    exponential_terminal: float
-    decay: float
-    settling_time: float
-    terminal: float
+    initial: float  # ρ_e0, value at t = 0
+    exponential_terminal: float  # ρ_e∞, where the exponential alone would end
+    decay: float  # l [1/s]
+    settling_time: float  # t2 [s], from here on the envelope is `terminal`
+    terminal: float  # g∞
 
 
 @dataclass(frozen=True)
 class Envelope:
-    """A feasible nominal envelope, solved.
+    """A feasible nominal envelope, solved."""
 
-    Attributes
-    ----------
-    table : EnvelopeTable
-        What was asked for.
-    r : float
-        The feasibility number; at most e/2.
-    t1 : float
-        Joint of exponential and parabola [s].
-    a1 : float
-        Of the parabola a1 (t − t2)² + g∞ [1/s²].
-    """
-
-    table: EnvelopeTable
-    r: float
-    t1: float
-    a1: float
+    table: EnvelopeTable  # what was asked for
+    r: float  # the feasibility number; at most e/2
+    t1: float  # joint of exponential and parabola [s]
+    a1: float  # of the parabola a1 (t − t2)² + g∞ [1/s²]
 
     def shape(self) -> Any:
         """The envelope as the record (dtype `SHAPE`) that the kernels read."""

@@ -346,13 +346,7 @@ def play(
 
 
 def _places(chosen: Sequence[tuple[Kind, Component]], starts: NDArray[np.int64]) -> dict[str, int]:
-    """Place in the signals of each column that some component gives.
-
-    Raises
-    ------
-    ConfigurationError
-        Two components give one column.
-    """
+    """Place in the signals of each column that some component gives, which only one may give."""
     places: dict[str, int] = {}
     owners: dict[str, tuple[Kind, Component]] = {}
     for owner, start in zip(chosen, starts, strict=False):

@@ -43,30 +43,14 @@ from ppc_attitude.simulation.diagram import play
 
 @dataclass(frozen=True)
 class Difference:
-    """The result of the replay of one component.
+    """The result of the replay of one component."""
 
-    Attributes
-    ----------
-    component : str
-        Its name.
-    column : str
-        The column that differs most, in its unit; the component's first one if none does.
-    largest : float
-        Largest |recorded − computed| of a number of that column; infinite if it gives NaN.
-    at : float
-        When that was [s].
-    steps : int
-        Instants that were computed again.
-    skipped : int
-        Instants without a recorded input or output.
-    """
-
-    component: str
-    column: str
-    largest: float
-    at: float
-    steps: int
-    skipped: int
+    component: str  # its name
+    column: str  # the column that differs most, in its unit; the component's first if none does
+    largest: float  # |recorded − computed| of a number of that column; infinite if it gives NaN
+    at: float  # when that was [s]
+    steps: int  # instants that were computed again
+    skipped: int  # instants without a recorded input or output
 
     @property
     def unit(self) -> str:
@@ -76,24 +60,12 @@ class Difference:
 
 @dataclass(frozen=True)
 class Replay:
-    """The result of a replay.
+    """The result of a replay."""
 
-    Attributes
-    ----------
-    law : Difference or None
-        Of the control law, in its torque command; None if it is not installed.
-    others : tuple of Difference
-        Of every other component whose inputs and outputs are on record.
-    missing : tuple of str
-        Selections and parameters on record that nothing installed knows.
-    left_out : tuple of str
-        Components that were not replayed, each with the reason.
-    """
-
-    law: Difference | None
-    others: tuple[Difference, ...]
-    missing: tuple[str, ...]
-    left_out: tuple[str, ...]
+    law: Difference | None  # of the control law, in its torque command; None: it is not installed
+    others: tuple[Difference, ...]  # of other components whose inputs and outputs are on record
+    missing: tuple[str, ...]  # selections and parameters on record that nothing installed knows
+    left_out: tuple[str, ...]  # components that were not replayed, each with the reason
 
     @property
     def found(self) -> tuple[Difference, ...]:
@@ -137,15 +109,7 @@ def replay(record: RunRecord) -> Replay:
 
 
 def _others(record: RunRecord) -> tuple[tuple[Difference, ...], tuple[str, ...]]:
-    """Replay the components, besides the law, whose inputs and outputs are all on record.
-
-    Returns
-    -------
-    replayed : tuple of Difference
-        What was found.
-    left_out : tuple of str
-        The others, each with the reason.
-    """
+    """Replay components besides the law, as far as all is on record; name the others with why."""
     replayed, left_out = [], []
     for node, kinds in HOSTED.items():
         for kind in kinds:
@@ -237,11 +201,6 @@ def _replayed(
     """Run one component over the instants that have all it reads and all that is compared.
 
     They end where its node, started again, runs another one.
-
-    Raises
-    ------
-    ConfigurationError
-        It cannot be played; the message says why.
     """
     _see_that_it_can_be_played(record, kind, component, compared)
     values = record.parameters[NODE_OF[kind.name]]
@@ -350,13 +309,9 @@ def _arrived(column: Column, rows: Array, stamps: list[int], values: Mapping[str
     """Rows of a late column as they arrived, with their age [s], by the estimator's parameters.
 
     A record has them at the instants to which they belong. A row is zero where none was due, and
-    NaN where one was due of an instant that is not on record.
-
-    Raises
-    ------
-    ConfigurationError
-        The instant is on record, but not its message: nothing tells what the estimator heard. At
-        its last instant a bag that was cut may lack any.
+    NaN where one was due of an instant that is not on record. If the instant is on record, but not
+    its message, nothing tells what the estimator heard, which is an error except at the record's
+    last instant: there a bag that was cut may lack any.
     """
     slots, last = Slots(values), None
     found = np.zeros((len(stamps), rows.shape[1] + 1))
