@@ -33,7 +33,7 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import Vector, divide, dot, kernel, scale
 from ppc_attitude.science.orbit import ORBIT
 from ppc_attitude.science.orbit_elements import EPOCH, ORBIT_PARAMETERS, epoch_of, orbit_of
-from ppc_attitude.science.parameter import Parameter, record_type
+from ppc_attitude.science.parameter import Parameter, filled, record_type
 from ppc_attitude.science.sky import EARTH_RATE, days_of, earth_angle
 
 REFERENCE_RADIUS = 6371.2e3  # a [m]
@@ -179,12 +179,10 @@ def orbit_field(values: Mapping[str, Any]) -> Any:
     ConfigurationError
         The orbit is impossible, or the date is outside the field's model.
     """
-    record = np.zeros((), ORBIT_FIELD)[()]
-    days = epoch_of(values)
-    record["orbit"] = orbit_of(values)
-    record["earth_angle"] = earth_angle(days)
-    record["harmonics"] = field_of(days, _DEGREES[values[MODEL.name]])
-    return record
+    days, orbit = epoch_of(values), orbit_of(values)
+    harmonics = field_of(days, _DEGREES[values[MODEL.name]])
+    angle = earth_angle(days)
+    return filled(ORBIT_FIELD, {}, orbit=orbit, earth_angle=angle, harmonics=harmonics)
 
 
 @kernel

@@ -58,7 +58,7 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
-from ppc_attitude.science.parameter import Parameter, record_type
+from ppc_attitude.science.parameter import Parameter, filled, record_type
 from ppc_attitude.science.part import configured, kernel_of
 from ppc_attitude.science.plants.rigid_body import angular_acceleration
 from ppc_attitude.science.sensors.gyro import ANGULAR_RANDOM_WALK, RESOLUTION
@@ -118,7 +118,6 @@ def observer_record(values: Mapping[str, Any]) -> Any:
         The estimate's own noise leaves no room below `max_disturbance`.
     """
     inertia = inertia_matrix("inertia", values["inertia"])
-    record = np.zeros((), OBSERVER)[()]
     frequency, white = values[RATE_OBSERVER.name], values[ANGULAR_RANDOM_WALK.name]
     limit = values[MAX_DISTURBANCE.name]
     noise = disturbance_sigma(frequency, white, float(np.diag(inertia).max()))
@@ -128,15 +127,16 @@ def observer_record(values: Mapping[str, Any]) -> Any:
             f"{noise:.3g} N·m (1σ); allowed: at most {MAX_DISTURBANCE.name}/{_WIDE:g} = "
             f"{limit / _WIDE:.3g} N·m. Use a slower observer or a larger limit"
         )
-    record["frequency"] = frequency
-    record["feedforward"] = values[FEEDFORWARD.name]
-    record["max_disturbance"] = limit
-    record["max_torque"] = values["max_torque"]
-    record["white"] = white**2
-    record["rounding"] = values[RESOLUTION.name] ** 2 / 12.0
-    record["inertia"] = inertia
-    record["inertia_inverse"] = np.linalg.inv(inertia)
-    return record
+    return filled(
+        OBSERVER,
+        values,
+        frequency=frequency,
+        feedforward=values[FEEDFORWARD.name],
+        white=white**2,
+        rounding=values[RESOLUTION.name] ** 2 / 12.0,
+        inertia=inertia,
+        inertia_inverse=np.linalg.inv(inertia),
+    )
 
 
 def rate_sigma(frequency: float, white: float) -> float:
@@ -246,11 +246,9 @@ def with_front(law: Component) -> Component:
 
     def configure(values: Mapping[str, Any]) -> Any:
         inner, kept = configured(law, values)
-        record = np.zeros((), configuration)[()]
-        if values["rate_observer"] > 0.0 and not law.observes:
-            record["observer"] = observer_record(values)
-        record["law"] = inner
-        return (record, *kept)
+        watches = values["rate_observer"] > 0.0 and not law.observes
+        observer = observer_record(values) if watches else np.zeros((), OBSERVER)
+        return (filled(configuration, {}, observer=observer, law=inner), *kept)
 
     def advices(state: Any) -> int:
         told = law.advices(state["law"])

@@ -52,7 +52,7 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, filled
 from ppc_attitude.science.sensors.gyro import (
     ANGULAR_RANDOM_WALK,
     INITIAL_BIAS_SIGMA,
@@ -139,7 +139,6 @@ def filter_record(values: Mapping[str, Any]) -> Any:
     ConfigurationError
         The mounting is not a unit quaternion, or a variance is zero where the filter divides by it.
     """
-    record = np.zeros((), FILTER)[()]
     mounting = unit_mounting(values)
     axes = np.array(rotation_matrix(mounting))  # tracker to body
     variances = np.square(sigmas(values))
@@ -155,7 +154,7 @@ def filter_record(values: Mapping[str, Any]) -> Any:
             f"{CROSS_NOISE.name} and {BORESIGHT_NOISE.name} are {high / low:.3g} times apart; "
             f"allowed: up to {_MOST_UNEVEN:g}, beyond which rounding hides the smaller variance"
         )
-    record["white"] = white = values[ANGULAR_RANDOM_WALK.name] ** 2
+    white = values[ANGULAR_RANDOM_WALK.name] ** 2
     gap = _MISSED / values[RATE.name]
     most = math.sqrt((low**2 + white * gap) / _LEAST_TOLD) / gap
     if values[INITIAL_BIAS_SIGMA.name] > most:
@@ -164,16 +163,18 @@ def filter_record(values: Mapping[str, Any]) -> Any:
             f"{most:.3g} with these noises of tracker and gyro, beyond which rounding hides what a "
             f"fix tells of the bias, if {_MISSED} were missed before"
         )
-    record["rounding"] = values[RESOLUTION.name] ** 2 / 12.0
-    record["walk"] = values[RATE_RANDOM_WALK.name] ** 2
-    record["bias_variance"] = values[INITIAL_BIAS_SIGMA.name] ** 2
-    record["fix_covariance"] = (axes @ np.diag(variances) @ axes.T)[np.triu_indices(3)]
-    record["fix_variance"] = variances.max()
-    record["unmounting"] = conjugate(mounting)
-    record["gate"] = values["gate"]
-    record["lost_sigma"] = values["lost_sigma"]
-    record["stale"] = _STALE_SLOTS / values[RATE.name] + values[LATENCY.name]
-    return record
+    return filled(
+        FILTER,
+        values,
+        white=white,
+        rounding=values[RESOLUTION.name] ** 2 / 12.0,
+        walk=values[RATE_RANDOM_WALK.name] ** 2,
+        bias_variance=values[INITIAL_BIAS_SIGMA.name] ** 2,
+        fix_covariance=(axes @ np.diag(variances) @ axes.T)[np.triu_indices(3)],
+        fix_variance=variances.max(),
+        unmounting=conjugate(mounting),
+        stale=_STALE_SLOTS / values[RATE.name] + values[LATENCY.name],
+    )
 
 
 @kernel

@@ -37,7 +37,7 @@ from ppc_attitude.science.kernel import (
     scale,
 )
 from ppc_attitude.science.noise import normal_pair, normal_pairs, normal_vector
-from ppc_attitude.science.parameter import Parameter, at_start, record_type
+from ppc_attitude.science.parameter import Parameter, at_start, filled, record_type
 
 _size = partial(Parameter, low=0.0, high=1.0)
 ANGULAR_RANDOM_WALK = _size(
@@ -108,7 +108,7 @@ GYRO = record_type(
     ("walk", np.float64),  # σ_u [rad/s^1.5]
     ("initial_bias", np.float64, (3,)),  # [rad/s] b_0
     ("response", np.float64, (3, 3)),  # I + M
-    ("resolution", np.float64),  # LSB [rad/s]; 0: none
+    RESOLUTION,
     ("full_scale", np.float64),  # [rad/s]
     ("seed", np.int64),
     ("pairs", np.int64),  # of normal numbers that are computed together
@@ -128,25 +128,27 @@ def gyro_record(values: Mapping[str, Any]) -> Any:
 
     Errors drawn by the seed, with the given standard deviations, are added to the fixed ones.
     """
-    record = np.zeros((), GYRO)[()]
-    record["white"] = values["gyro.angular_random_walk"]
-    record["walk"] = values["gyro.rate_random_walk"]
-    record["resolution"] = values["gyro.resolution"]
-    record["full_scale"] = values["gyro.full_scale"]
-    record["seed"] = seed = values["seed"]
-    record["pairs"] = _TOGETHER * _CHANNELS
+    seed = values["seed"]
 
     def with_drawn(name: str, drawn: Any) -> Any:
         return np.asarray(values[name]) + values[f"{name}_sigma"] * np.ravel(drawn)
 
     bias = normal_vector(seed, 0, _INITIAL_BIAS)
-    record["initial_bias"] = with_drawn("gyro.initial_bias", bias)
     scales = normal_vector(seed, 0, _SCALE)
     sides = [normal_pair(seed, 0, _MISALIGNMENT + i) for i in range(3)]
     response = np.eye(3) + np.diag(with_drawn("gyro.scale_factor", scales))
     response[[0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]] += with_drawn("gyro.misalignment", sides)
-    record["response"] = response
-    return record
+    return filled(
+        GYRO,
+        values,
+        "gyro.",
+        white=values[ANGULAR_RANDOM_WALK.name],
+        walk=values[RATE_RANDOM_WALK.name],
+        initial_bias=with_drawn("gyro.initial_bias", bias),
+        response=response,
+        seed=seed,
+        pairs=_TOGETHER * _CHANNELS,
+    )
 
 
 def effective_white_noise(white: float, resolution: float, interval: float) -> float:

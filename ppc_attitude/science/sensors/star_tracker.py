@@ -39,7 +39,7 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.noise import normal_vector, uniform
-from ppc_attitude.science.parameter import Parameter, at_start, record_type
+from ppc_attitude.science.parameter import Parameter, at_start, filled, record_type
 from ppc_attitude.science.stamps import LATEST, span
 
 _share = partial(Parameter, low=0.0, high=1.0)
@@ -125,8 +125,8 @@ STAR_TRACKER = record_type(
     ("every", np.int64),  # [steps] from slot to slot
     ("delay", np.int64),  # [steps] from validity to arrival
     ("max_rate", np.float64),  # [rad/s]
-    ("dropout", np.float64),
-    ("outlier", np.float64),
+    ("dropout_probability", np.float64),
+    ("outlier_probability", np.float64),
     ("outlier_size", np.float64),  # [rad]
     ("blindings", np.int64),  # how many
     ("blinding", np.int64, (MAX_BLINDINGS, 2)),  # [ns] first instant, first instant after
@@ -196,15 +196,8 @@ def star_tracker_record(values: Mapping[str, Any]) -> Any:
     ConfigurationError
         See `slots` and `unit_mounting`; or blinding times and durations do not fit each other.
     """
-    record = np.zeros((), STAR_TRACKER)[()]
-    record["every"], record["delay"] = slots(values["rate"], values)
-    record["mounting"] = unit_mounting(values)
-    record["sigma"] = sigmas(values)
-    record["max_rate"] = values[MAX_RATE.name]
-    record["dropout"] = values["star_tracker.dropout_probability"]
-    record["outlier"] = values["star_tracker.outlier_probability"]
-    record["outlier_size"] = values["star_tracker.outlier_size"]
-    record["seed"] = values["seed"]
+    every, delay = slots(values["rate"], values)
+    mounting = unit_mounting(values)
     times = values["star_tracker.blinding_times"]
     durations = values["star_tracker.blinding_durations"]
     if not len(times) == len(durations) <= MAX_BLINDINGS:
@@ -213,10 +206,20 @@ def star_tracker_record(values: Mapping[str, Any]) -> Any:
             f"star_tracker.blinding_durations {len(durations)}; allowed: equally many, "
             f"at most {MAX_BLINDINGS}"
         )
-    record["blindings"] = len(times)
-    for i, each in enumerate(zip(times, durations, strict=True)):
-        record["blinding"][i] = span(*each)
-    return record
+    blinding = np.zeros((MAX_BLINDINGS, 2), np.int64)
+    blinding[: len(times)] = np.reshape([*map(span, times, durations)], (-1, 2))
+    return filled(
+        STAR_TRACKER,
+        values,
+        "star_tracker.",
+        every=every,
+        delay=delay,
+        mounting=mounting,
+        sigma=sigmas(values),
+        blindings=len(times),
+        blinding=blinding,
+        seed=values["seed"],
+    )
 
 
 @kernel
@@ -232,7 +235,7 @@ def _has_fix(tracker: Any, omega: Vector, stamp_ns: int, step: int) -> bool:
             return False
     if norm(omega) > tracker.max_rate:
         return False
-    return bool(uniform(tracker.seed, step, _DROPOUT) >= tracker.dropout)
+    return bool(uniform(tracker.seed, step, _DROPOUT) >= tracker.dropout_probability)
 
 
 @kernel
@@ -256,7 +259,7 @@ def star_fix(
     n = normal_vector(tracker.seed, step, _NOISE)
     turn = multiply(scale(louder, vector(tracker.sigma)), n)
     fix = product(product(q, quaternion(tracker.mounting)), exponential(turn))
-    if uniform(tracker.seed, step, _OUTLIER) < max(tracker.outlier, outliers):
+    if uniform(tracker.seed, step, _OUTLIER) < max(tracker.outlier_probability, outliers):
         axis = normal_vector(tracker.seed, step, _OUTLIER_AXIS)
         fix = product(fix, exponential(scale(tracker.outlier_size / norm(axis), axis)))
     return normalised(fix)
