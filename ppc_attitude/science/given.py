@@ -103,11 +103,8 @@ def misfit(given: Any, rules: Any) -> int:
         row = given[start : start + width]
         if late != 0 and not np.any(row):
             continue  # no message
-        if not np.all(np.abs(row) <= LARGEST):  # so written, it also refuses NaN
-            return k
-        if late != 0 and abs(row[width - 1]) > LATEST:
-            return k
-        if not _fits(row, rule):
+        finite = np.all(np.abs(row) <= LARGEST)  # so written, it also refuses NaN
+        if not finite or (late != 0 and abs(row[width - 1]) > LATEST) or not _fits(row, rule):
             return k
     return -1
 

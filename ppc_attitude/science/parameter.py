@@ -190,28 +190,25 @@ class Parameter:
         prototype: Value = "" if self.of_strings else 0.0
         return [self._element(element, prototype) for element in elements]
 
-    def _element(self, value: Any, prototype: Value) -> Any:
+    def _element(self, value: Any, prototype: Any) -> Any:
         if isinstance(value, np.generic):
             value = value.item()
-        if isinstance(prototype, bool):
-            if isinstance(value, bool):
-                return value
-            raise self._refusal(value)
         if isinstance(prototype, str):
             value = self.switch.get(value, value) if isinstance(value, bool) else unquoted(value)
-            if isinstance(value, str) and (not self.choices or value in self.choices):
-                return value
+            fits = isinstance(value, str) and (not self.choices or value in self.choices)
+        elif isinstance(prototype, bool) or isinstance(value, bool):
+            fits = isinstance(prototype, bool) and isinstance(value, bool)
+        else:
+            fits = (
+                isinstance(value, int | float)
+                and self.low <= value <= self.high
+                and self.above < value
+                and abs(value) <= sys.float_info.max
+                and (isinstance(prototype, float) or value == int(value))
+            )
+        if not fits:
             raise self._refusal(value)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self._refusal(value)
-        in_range = self.low <= value <= self.high and value > self.above
-        if not (in_range and abs(value) <= sys.float_info.max):
-            raise self._refusal(value)
-        if not isinstance(prototype, int):
-            return float(value)
-        if value != int(value):
-            raise self._refusal(value)
-        return int(value)
+        return type(prototype)(value)
 
     def _refusal(self, value: Any) -> ConfigurationError:
         unit = f" {self.unit}" if self.unit else ""

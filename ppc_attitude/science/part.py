@@ -349,27 +349,20 @@ class Part:
 
         Above 1 the column is outside its bound.
         """
-        record = self.outputs[0]
-        pairs = [
-            (each.name, each.bound) for each in self.component.outputs if each.bound in self.places
-        ]
+        told = self.outputs[0]
         return {
-            bound: float(np.max(np.abs(record[name][: record[bound].size]) / record[bound]))
-            for name, bound in pairs
-            if np.all(record[bound] > 0.0)
+            each.bound: float(np.max(np.abs(told[each.name][: bound.size]) / bound))
+            for each in self.component.outputs
+            if each.bound in self.places and np.all((bound := told[each.bound]) > 0.0)
         }
 
 
 def first_raised(parts: Iterable[Part]) -> str:
     """End of a message about numbers that are not finite: which step failed, and why; or empty."""
-    return next(
-        (
-            f"; the step of component {part.component.name} {what}"
-            for part in parts
-            if (what := part.raised())
-        ),
-        "",
-    )
+    for part in parts:
+        if what := part.raised():
+            return f"; the step of component {part.component.name} {what}"
+    return ""
 
 
 def signals_of(component: Component) -> int:

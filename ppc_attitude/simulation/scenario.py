@@ -50,15 +50,9 @@ from ppc_attitude.science.stamps import NANOSECONDS, first_step, seconds
 
 @dataclass(frozen=True)
 class Scenario:
-    """Checked parameters of every node.
+    """Checked parameters of every node."""
 
-    Attributes
-    ----------
-    parameters : mapping of str to dict
-        Node name to parameter values, complete.
-    """
-
-    parameters: Mapping[str, dict[str, Any]]
+    parameters: Mapping[str, dict[str, Any]]  # node name to parameter values, complete
 
     @property
     def controller(self) -> Component:
@@ -68,15 +62,13 @@ class Scenario:
     @property
     def used(self) -> dict[str, dict[str, Any]]:
         """The parameters that a node or a selected component of it has."""
-        names: dict[str, set[str]] = {}
+        found = {}
         for node, values in self.parameters.items():
-            own = {parameter.name for parameter in OWN[node]}
-            selectors = {kind.selector for kind in HOSTED.get(node, ())}
-            names[node] = own.union(selectors, *(e.defaults for e in components_of(node, values)))
-        return {
-            node: {name: value for name, value in values.items() if name in names[node]}
-            for node, values in self.parameters.items()
-        }
+            names = {parameter.name for parameter in OWN[node]}
+            names |= {kind.selector for kind in HOSTED.get(node, ())}
+            names.update(*(each.defaults for each in components_of(node, values)))
+            found[node] = {name: value for name, value in values.items() if name in names}
+        return found
 
     def number(self, node: str, name: str) -> float:
         """Value of a parameter that is a number."""

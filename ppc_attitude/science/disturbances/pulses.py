@@ -73,8 +73,7 @@ def scheduled_pulses(values: Mapping[str, Any]) -> NDArray[Any]:
             f"pulse_torques {len(torques)}; allowed: n, n and 3 n"
         )
     each = zip(times, durations, np.reshape(torques, (-1, 3)), strict=True)
-    parts = [pulse(*span(at, time), torque) for at, time, torque in each]
-    return np.concatenate([np.zeros(0, PULSE), *parts])
+    return np.array([(*span(at, time), torque) for at, time, torque in each], PULSE)
 
 
 def configuration_of(pulses: NDArray[Any]) -> tuple[Any, NDArray[Any]]:
