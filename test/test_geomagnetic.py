@@ -50,12 +50,6 @@ def test_no_field_is_larger_than_its_bound(degree: int) -> None:
     assert largest <= largest_field(radius, field) < 1.6 * largest
 
 
-@pytest.mark.parametrize("degree", [0, 14])
-def test_a_degree_that_the_table_does_not_have_is_refused(degree: int) -> None:
-    with pytest.raises(ConfigurationError, match=f"degree = {degree}; allowed: 1 to 13"):
-        field_of(9000.0, degree)
-
-
 @pytest.mark.parametrize("date", ["1999-12-31", "2030-01-02"])
 def test_a_date_outside_the_model_is_refused(date: str) -> None:
     with pytest.raises(ConfigurationError, match=r"allowed .*: from 2000-01-01 to 2030-01-01"):

@@ -24,7 +24,6 @@ from scipy.spatial.transform import Rotation
 from truth_tables import numbers
 
 from ppc_attitude.science.actuators import ideal
-from ppc_attitude.science.actuators.ideal import actuator
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import Vector, matrix
@@ -116,9 +115,10 @@ def test_fourth_order_in_the_step() -> None:
 
 
 def test_actuator_saturates_and_has_a_dead_band() -> None:
-    assert actuator((0.06, -7.0, 0.05), 0.05, 1e-4) == (0.05, -0.05, 0.05)
-    assert actuator((0.99e-4, -0.99e-4, 0.0), 0.05, 1e-4) == (0.0, 0.0, 0.0)
-    assert actuator((1e-4, -1e-4, 0.03), 0.05, 1e-4) == (1e-4, -1e-4, 0.03)
+    actuator = Part(ideal.COMPONENT, ideal.COMPONENT.defaults)
+    assert actuator.step(0, (0.06, -7.0, 0.05)) == (0.05, -0.05, 0.05)
+    assert actuator.step(0, (0.99e-4, -0.99e-4, 0.0)) == (0.0, 0.0, 0.0)
+    assert actuator.step(0, (1e-4, -1e-4, 0.03)) == (1e-4, -1e-4, 0.03)
 
 
 def test_a_plant_holds_both_torques_from_stamp_to_stamp() -> None:

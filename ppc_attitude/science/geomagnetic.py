@@ -85,10 +85,8 @@ def field_of(days: float, degree: int = MOST_DEGREE) -> Any:
     Raises
     ------
     ConfigurationError
-        The date is outside the model's, or the degree.
+        The date is outside the model's.
     """
-    if not 1 <= degree <= MOST_DEGREE:
-        raise ConfigurationError(f"degree = {degree}; allowed: 1 to {MOST_DEGREE}")
     dates, rows = _table()
     epochs = [days_of(EPOCH.name, date) for date in dates]
     if not epochs[0] <= days <= epochs[-1]:

@@ -31,7 +31,6 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import (
     ZERO,
     Vector,
-    add,
     apply,
     dot,
     kernel,
@@ -294,16 +293,6 @@ def pulses(impulse: Vector, craft: Any, on_time: Any) -> Vector:
 def open_share(on_time: float, step: int, craft: Any) -> float:
     """Share of a step, counted from 0 in its period, for which a thruster is on."""
     return float(min(max(on_time * craft.rate - step, 0.0), 1.0))
-
-
-@kernel
-def thrust(shares: Any, craft: Any) -> tuple[Vector, float]:
-    """Mean torque [N·m] and flow of fuel [kg/s] over a step, from each thruster's share of it."""
-    torque, flow = ZERO, 0.0
-    for j in range(craft.count):
-        torque = add(torque, scale(shares[j], vector(craft.torque[j])))
-        flow += shares[j] * craft.flow[j]
-    return torque, flow
 
 
 @kernel

@@ -22,7 +22,7 @@ from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.kinds import REFERENCES
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references import goal
-from ppc_attitude.science.stamps import nanoseconds, seconds, stamp_of, step_of
+from ppc_attitude.science.stamps import first_step, nanoseconds, seconds, stamp_of
 from ppc_attitude.simulation.scenario import Scenario
 
 
@@ -53,9 +53,8 @@ def goals_told(scenario: Scenario) -> list[Answer]:
     craft = scenario.parameters[PLANT]
     part = Part(goal.COMPONENT, values)
     told = []
-    near = ((step_of(due, rate), due) for due in map(nanoseconds, values[GOAL_TIMES.name]))
-    steps = sorted({step + (stamp_of(step, rate) < due) for step, due in near})
-    for stamp_ns in [0, *(stamp_of(step, rate) for step in steps)]:
+    steps = {first_step(nanoseconds(time), rate) for time in values[GOAL_TIMES.name]}
+    for stamp_ns in [0, *(stamp_of(step, rate) for step in sorted(steps))]:
         before, refused = part.advices, int(part.state[0]["refused"])
         part.step(stamp_ns, craft["initial_attitude"])
         if part.advices > before:

@@ -23,7 +23,7 @@ from ppc_attitude.science.component import Component
 from ppc_attitude.science.conditions import Condition, Task, advisable
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import FAULTS, OF_A_TORQUE, RECORD, fails, faults_of, faulty
-from ppc_attitude.science.kernel import Vector, kernel, store, vector
+from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.parameter import Parameter, filled, record_type
 from ppc_attitude.science.signals import APPLIED_TORQUE, TORQUE_COMMAND
 
@@ -55,35 +55,20 @@ def configure(values: Mapping[str, Any]) -> Any:
 
 
 @kernel
-def _axis_torque(command: float, max_torque: float, min_torque: float) -> float:
-    if abs(command) < min_torque:
-        return 0.0
-    return min(max(command, -max_torque), max_torque)
-
-
-@kernel
-def actuator(command: Vector, max_torque: float, min_torque: float) -> Vector:
-    """Torque [N·m] the actuator gives: saturation at max_torque, nothing below min_torque."""
-    return (
-        _axis_torque(command[0], max_torque, min_torque),
-        _axis_torque(command[1], max_torque, min_torque),
-        _axis_torque(command[2], max_torque, min_torque),
-    )
-
-
-@kernel
 def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Give the torque for the command, or for the previous one if commands act late."""
-    asked, before = vector(inputs.torque_command), vector(state.command)
-    store(state.command, asked)
-    command = before if configuration.late_command != 0.0 else asked
-    torque = actuator(command, configuration.max_torque, configuration.min_torque)
-    store(outputs.applied_torque, torque)
     faults, limit = configuration.faults, configuration.max_torque
     for i in range(3):
+        command = (
+            inputs.torque_command[i] if configuration.late_command == 0.0 else state.command[i]
+        )
+        state.command[i] = inputs.torque_command[i]
+        torque = min(max(command, -limit), limit)
+        if abs(command) < configuration.min_torque:
+            torque = 0.0
         if fails(faults, i, inputs.stamp_ns):
-            given = faulty(outputs.applied_torque[i], limit, faults, i, inputs.stamp_ns)
-            outputs.applied_torque[i] = given
+            torque = faulty(torque, limit, faults, i, inputs.stamp_ns)
+        outputs.applied_torque[i] = torque
 
 
 def conditions(values: Mapping[str, Any], _: Task) -> Iterator[Condition]:

@@ -39,7 +39,7 @@ from ppc_attitude.science.faults import (
     number_of,
 )
 from ppc_attitude.science.hooks import Advice
-from ppc_attitude.science.kernel import add, copy, kernel, scale, store, vector
+from ppc_attitude.science.kernel import ZERO, add, copy, kernel, scale, store, vector
 from ppc_attitude.science.parameter import filled, record_type
 from ppc_attitude.science.signals import APPLIED_TORQUE, TORQUE_COMMAND
 from ppc_attitude.science.thrusters import (
@@ -48,7 +48,6 @@ from ppc_attitude.science.thrusters import (
     THRUSTERS,
     open_share,
     pulses,
-    thrust,
     thruster_record,
 )
 
@@ -65,7 +64,6 @@ STATE = record_type(
     ("used", np.float64),  # [kg] of fuel
     ("empty", np.int64),  # 1 while the fuel is used up
     ("news", np.int64),
-    ("shares", np.float64, (MAX_THRUSTERS,)),  # of the present step: scratch memory
 )
 
 
@@ -98,10 +96,12 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     state.empty = empty
     if empty:
         state.on_time[:] = 0.0
+    torque, flow = ZERO, 0.0
     for j in range(craft.count):
-        share = open_share(state.on_time[j], now % craft.period, craft)
-        state.shares[j] = _given(share, j, faults, inputs.stamp_ns)
-    torque, flow = thrust(state.shares, craft)
+        asked = open_share(state.on_time[j], now % craft.period, craft)
+        share = _given(asked, j, faults, inputs.stamp_ns)
+        torque = add(torque, scale(share, vector(craft.torque[j])))
+        flow += share * craft.flow[j]
     burnt, rest = flow / craft.rate, max(craft.fuel - state.used, 0.0)
     if burnt > rest:
         torque = scale(rest / burnt, torque)

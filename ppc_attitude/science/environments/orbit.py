@@ -28,7 +28,7 @@ from ppc_attitude.science.component import INERTIAL, POINT, VECTOR, Column, Comp
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.geomagnetic import ORBIT_FIELD, largest_field, magnetic_field, orbit_field
 from ppc_attitude.science.geomagnetic import PARAMETERS as FIELD_PARAMETERS
-from ppc_attitude.science.inertia import inertia_matrix
+from ppc_attitude.science.inertia import gyroscopic_share, inertia_matrix
 from ppc_attitude.science.kernel import (
     Matrix,
     Vector,
@@ -225,8 +225,7 @@ def bound(values: Mapping[str, Any]) -> float:
     """
     craft = configure(values)
     lowest, semi_major_axis = _lowest(craft)
-    moments = np.linalg.eigvalsh(craft["inertia"])
-    gradient = 1.5 * MU / lowest**3 * float(moments[-1] - moments[0])
+    gradient = 3.0 * MU / lowest**3 * gyroscopic_share(craft["inertia"])
     field = largest_field(lowest, craft["field"]["harmonics"])
     magnetic = float(np.linalg.norm(craft["dipole"])) * field
     speed = math.sqrt(MU * (2.0 / lowest - 1.0 / semi_major_axis)) + EARTH_RATE * lowest

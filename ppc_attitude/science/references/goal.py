@@ -220,7 +220,10 @@ def obey(order: Any, guidance: Any, state: Any) -> None:
 
 @kernel
 def _before(stamp_ns: int, orders: Any) -> int:
-    """Count the orders before an instant [ns]; they are sorted by time."""
+    """Count the orders before an instant [ns]; they are sorted by time.
+
+    With `np.searchsorted` every process that loads the kernel would import Numba's linear algebra.
+    """
     low, high = 0, orders.size
     while low < high:
         middle = (low + high) // 2
