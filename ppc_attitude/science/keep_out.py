@@ -293,17 +293,11 @@ def route(
     if violated(goal, cones, directions, 0.0) >= 0:
         return GOAL_INSIDE, attitudes, axes, angles
     inside = leaving | cones_around(start, cones, directions)
-    nodes = np.empty((2, 4))
-    store_quaternion(nodes[0], start)
-    store_quaternion(nodes[1], goal)
-    previous = np.zeros(2, np.int64)
-    axis, angle = turn_between(start, goal)
-    distances = len(_DISTANCES) - 1
-    if inside or _clear_axis(start, axis, angle, cones, directions, NO_CONE) == 0:
-        previous[-1] = -1
-    while previous[-1] < 0 and distances <= len(_DISTANCES):
+    nodes, previous = np.empty((0, 4)), np.full(1, -1)
+    for distances in (0, len(_DISTANCES) - 1, len(_DISTANCES)):  # the direct turn has no stops
+        if previous[-1] >= 0 or (inside and distances == 0):
+            continue
         nodes = _stops(start, goal, cones, directions, distances)
-        distances += 1
         root = 0
         tried = np.zeros(len(nodes), np.bool_)
         tried[0] = inside != 0
