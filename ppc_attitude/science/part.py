@@ -48,16 +48,14 @@ from ppc_attitude.science.stamps import seconds
 _OPTIONS = {**OPTIONS, "boundscheck": False}
 _PACKAGE = __name__.partition(".")[0]
 _call_type: Any = CFUNCTYPE(None, *[c_void_p] * 4)
-_components: dict[str, Component] = {}
+_compiled: dict[str, Any] = {}  # steps, by their keys
 
 Row: TypeAlias = tuple[float, ...]
 
 
-@cache
-def _compiled(key: str) -> Any:
-    """Compile the step of the component with this key as a C function of four addresses."""
-    component = _components[key]
-    step = kernel_of(component)
+def _compile(component: Component, key: str) -> Any:
+    """Compile the step of a component as a C function of four addresses."""
+    step = component.step
     function = vars(step)["py_func"] if _is_ours(component) else _guarded(component)
     read, given = component.input_record, component.output_record
     taken = tuple(map(from_dtype, (read, component.state, component.configuration, given)))
@@ -129,9 +127,10 @@ def entry_point(component: Component) -> Any:
     name = component.name
     kernel_of(component)
     key = _key_of(component)
-    _components.setdefault(key, component)
     try:
-        return _compiled(key)
+        if key not in _compiled:
+            _compiled[key] = _compile(component, key)
+        return _compiled[key]
     except ConfigurationError:
         raise
     except Exception as error:  # not all that Numba raises is a NumbaError
