@@ -116,13 +116,7 @@ class Kind:
         return completed
 
     def _fitting(self, component: Any, others: Mapping[str, Component]) -> Component:
-        """Return what an entry point gave, if it can be a component of this kind.
-
-        Raises
-        ------
-        ConfigurationError
-            It cannot be one; the message says why.
-        """
+        """Return what an entry point gave, if it can be a component of this kind; else say why."""
         if not isinstance(component, Component):
             raise ConfigurationError(f"it is a {type(component).__name__}, not a Component")
         if not isinstance(component.name, str) or not component.name:
