@@ -20,11 +20,8 @@ from typing import Any
 
 import yaml
 
-from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import PAPER, Requirements
-from ppc_attitude.analysis.verdict import Requirement
 from ppc_attitude.command_line.proportions import conditions_of
-from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.science.conditions import Condition
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, assumptions_of, law_of
@@ -94,9 +91,3 @@ def part_of(kind: Any, name: str, *faults: str, **values: Any) -> Part:
     component = kind.components[name]
     given = {**component.defaults, "rate": 100.0, "faults": [*faults], **dotted(values)}
     return Part(component, given)
-
-
-def verdict_on(record: RunRecord, key: str) -> Requirement:
-    """The requirement of a run's verdict that has a key."""
-    (row,) = (each for each in Verdict(record).requirements if each.key == key)
-    return row

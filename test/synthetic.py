@@ -14,6 +14,7 @@
 
 """Records of runs that never were, with known truth: what the analysis is tested on."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -158,6 +159,12 @@ def with_error(run: RunRecord, error: Array) -> RunRecord:
 def with_columns(run: RunRecord, **columns: Array) -> RunRecord:
     """The run with some columns replaced or added."""
     return replace(run, columns={**run.columns, **columns})
+
+
+def with_parameters(run: RunRecord, node: str, values: Mapping[str, Any]) -> RunRecord:
+    """The run with some parameters of a node replaced or added."""
+    own = {**run.parameters.get(node, {}), **values}
+    return replace(run, parameters={**run.parameters, node: own})
 
 
 def with_rows(run: RunRecord, column: str, instants: Any, values: ArrayLike) -> RunRecord:

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bag_helpers import assert_same, messages, record_all, write_messages
-from synthetic import SAMPLED, normal_run, without_columns
+from synthetic import SAMPLED, normal_run, with_parameters, without_columns
 
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.bags.changes import encode_changes
@@ -154,8 +154,7 @@ def test_gaps_of_a_rate_without_whole_nanoseconds_and_of_a_plant_that_begins_at_
 def test_only_a_run_that_was_stopped_may_lack_the_answer_to_its_last_state(
     tmp_path: Path, duration: float, lost: dict[str, int]
 ) -> None:
-    plant = {**RUN.parameters[PLANT], "duration": duration}
-    run = replace(RUN, parameters={**RUN.parameters, PLANT: plant})
+    run = with_parameters(RUN, PLANT, {"duration": duration})
     read = read_run(write_messages(tmp_path / "bag", list(messages(RUN))[:-1], run=run))
     assert (read.missing, len(read.stamps_ns)) == (lost, STEPS if lost else STEPS - 1)
 

@@ -40,7 +40,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as PlainMcapWriter
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
-from synthetic import SAMPLED, normal_run
+from synthetic import SAMPLED, normal_run, with_parameters
 
 from ppc_attitude.bags.changes import encode_changes
 from ppc_attitude.bags.custom_data import of_namespace
@@ -80,8 +80,7 @@ def test_a_run_comes_back_to_the_last_bit_without_a_temporary_folder(
 def test_a_whole_bag_of_a_run_that_ended_early_says_so(
     tmp_path: Path, duration: float, told: tuple[str, ...]
 ) -> None:
-    plant = {**RUN.parameters[PLANT], "duration": duration}
-    write_run(replace(RUN, parameters={**RUN.parameters, PLANT: plant}), tmp_path / "bag")
+    write_run(with_parameters(RUN, PLANT, {"duration": duration}), tmp_path / "bag")
     assert read_run(tmp_path / "bag").warnings == tuple(
         f"the record ends at 1 s, before the plant's duration of {each}: events scheduled after "
         "its end are not in it"
@@ -338,8 +337,7 @@ def test_topics_that_no_component_of_the_run_gives_are_missed_by_nobody(
 
 def test_what_a_bridge_of_the_users_sends_to_our_filter_is_missed(tmp_path: Path) -> None:
     run = simulate(load(configs("paper", "sensors_smallsat")), 1.0)
-    plant = {**run.parameters[PLANT], "sensors": "direct"}
-    run = replace(run, parameters={**run.parameters, PLANT: plant})
+    run = with_parameters(run, PLANT, {"sensors": "direct"})
     lost = set(run.stamps_ns[10:15].tolist())
     sequence = [each for each in messages(run) if each[0].column != "gyro" or each[1] not in lost]
     read = read_run(write_messages(tmp_path / "bag", sequence, run=run))

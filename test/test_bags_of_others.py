@@ -25,7 +25,7 @@ import numpy as np
 import pytest
 from bag_helpers import TYPES, header, imu, messages, quaternion, serialised, vector, write_messages
 from conftest import Ask
-from synthetic import SAMPLED, normal_run, without_columns
+from synthetic import SAMPLED, normal_run, requirement, without_columns
 
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.verdict import NOT_JUDGED
@@ -214,8 +214,7 @@ def test_topics_with_stamps_of_their_own_are_held(tmp_path: Path) -> None:
     assert (read["truth_attitude"][1:] == straight).all()
     assert any("at most 0.5 s old" in each or "0.499999" in each for each in read.warnings)
     assert "torque_command begins after the last instant of attitude" in read.warnings
-    (lost,) = (each for each in Verdict(read).requirements if each.key == "lost_messages")
-    assert (lost.value, read.missing) == (0.0, {})
+    assert (requirement(Verdict(read), "lost_messages").value, read.missing) == (0.0, {})
 
 
 def slow(path: Path, column: str, own: str, begin: float, end: float) -> Verdict:
@@ -234,8 +233,9 @@ def slow(path: Path, column: str, own: str, begin: float, end: float) -> Verdict
 
 def test_nothing_is_said_of_an_error_before_its_reference_begins(tmp_path: Path) -> None:
     verdict = slow(tmp_path / "bag", "reference_attitude", "reference_attitude", 70.0, 120.0)
-    found = {each.key: each for each in verdict.requirements}
-    settling, error = found["settling_time"], found["error_after_deadline"]
+    settling, error = (
+        requirement(verdict, key) for key in ("settling_time", "error_after_deadline")
+    )
     assert (settling.met, verdict.metrics.settling_time_s) == (None, None)
     assert settling.reason == "the record of the error begins at 70.01 s, after the deadline"
     assert (error.met, error.span) == (True, (70.01, 120.0))
@@ -243,10 +243,9 @@ def test_nothing_is_said_of_an_error_before_its_reference_begins(tmp_path: Path)
 
 def test_a_truth_that_ends_is_not_held_for_ever(tmp_path: Path) -> None:
     verdict = slow(tmp_path / "bag", "truth_attitude", "attitude", 0.0, 80.0)
-    found = {each.key: each for each in verdict.requirements}
-    assert found["terminal_error"].outcome == NOT_JUDGED
+    assert requirement(verdict, "terminal_error").outcome == NOT_JUDGED
     # From half a second, ten of its steps, after the last one on.
-    assert found["lost_messages"].value == pytest.approx(100 * 39.5, abs=2)
+    assert requirement(verdict, "lost_messages").value == pytest.approx(100 * 39.5, abs=2)
 
 
 @pytest.mark.parametrize(("attitude", "rate", "goal"), [(1, 1, 20), (2, 1, 50), (1, 2, 200)])

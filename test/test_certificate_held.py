@@ -22,11 +22,12 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Ask, coarse_cells
-from craft_helpers import case, configs, overlay, verdict_on
+from craft_helpers import case, configs, overlay
 from scipy.spatial.transform import Rotation
-from synthetic import with_columns, without_columns
+from synthetic import requirement, with_columns, with_parameters, without_columns
 
 from ppc_attitude.analysis.guarantee import Held, certificate_held, nodes_around
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.run_record import Array, Change, RunRecord
 from ppc_attitude.contract.topics import (
@@ -275,7 +276,7 @@ def test_what_a_torque_led_out_of_the_tube_is_suspended_until_it_is_back() -> No
 
 def test_a_changed_number_is_not_judged() -> None:
     record = record_of("guaranteed", ppc_controller={"momentum_tube.kappa": 15.1})
-    row = verdict_on(record, "certificate")
+    row = requirement(Verdict(record), "certificate")
     assert (row.met, row.reason) == (None, "the certificate is for other parameter values")
 
 
@@ -324,10 +325,9 @@ def test_a_plant_of_others_may_tell_little_of_itself(plant: dict[str, Any], reas
 
 def test_a_craft_is_known_where_nothing_is_told_of_its_environment() -> None:
     record = record_of("guaranteed")
-    plant = {**record.parameters[PLANT], "max_torque": 0.01}
     heard = replace(record, parameters={**record.parameters, INJECTOR: {}})
     assert not held_by(heard).reason
-    weak = held_by(replace(heard, parameters={**heard.parameters, PLANT: plant}))
+    weak = held_by(with_parameters(heard, PLANT, {"max_torque": 0.01}))
     assert weak.reason == "max_torque = 0.01 N·m; assumed: at least 0.05"
 
 

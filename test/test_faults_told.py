@@ -26,7 +26,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
-from synthetic import normal_run, requirement
+from synthetic import normal_run, requirement, with_parameters
 from test_hardware_faults import WORDS
 
 from ppc_attitude.analysis.comparison import comparisons_of
@@ -48,9 +48,8 @@ from ppc_attitude.simulation.closed_loop import simulate
 def failed(at_start: Any, *changes: tuple[float, Any]) -> RunRecord:
     """Run of 10 s whose plant was given faults, some of them in flight [s]."""
     run = normal_run(duration=10.0)
-    plant = {**run.parameters[PLANT], "faults": at_start}
     told = tuple(Change(round(t * 1e9), PLANT, "faults", texts) for t, texts in changes)
-    return replace(run, parameters={**run.parameters, PLANT: plant}, changes=told)
+    return replace(with_parameters(run, PLANT, {"faults": at_start}), changes=told)
 
 
 STUCK, WEAK = "actuator/x stuck 0.01", "actuator/y effectiveness 0.5"

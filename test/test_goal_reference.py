@@ -20,9 +20,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from craft_helpers import dotted, verdict_on
+from craft_helpers import dotted
 from guidance_helpers import DESIRED, START, STRAIGHT, cones, goals, guided, same_sign, to_earth
 from scipy.spatial.transform import Rotation
+from synthetic import requirement, with_parameters
 
 from ppc_attitude.analysis.keep_out import approaches_of
 from ppc_attitude.analysis.metrics import Verdict
@@ -213,14 +214,13 @@ def test_analysis_tells_how_near_the_craft_itself_came() -> None:
     looked = Rotation.from_quat(attitudes).apply([1.0, 0.0, 0.0])
     expected = np.arccos(np.sum(looked * to_earth(record.t), axis=1)).min()
     assert nadir.angle == pytest.approx(expected, abs=1e-3)  # J2 is not in the circle
-    row = verdict_on(record, "keep_out")
+    row = requirement(Verdict(record), "keep_out")
     inside = max(each.half_angle - each.angle for each in (fixed, nadir))
     assert row.value == pytest.approx(math.degrees(inside))
     assert row.met is (inside <= 0.0)
     # It was nearer to nadir, but only in the other cone if that is wide.
-    wide = {**record.parameters[REFERENCE], "keep_out.half_angles": [2.2, 0.1]}
-    parameters = {**record.parameters, REFERENCE: wide}
-    row = verdict_on(replace(record, parameters=parameters), "keep_out")
+    wide = with_parameters(record, REFERENCE, {"keep_out.half_angles": [2.2, 0.1]})
+    row = requirement(Verdict(wide), "keep_out")
     assert row.met is False
     assert "of 0 0 -2, allowed 126.1°" in row.note
     assert not [row for row in Verdict(simulate(tour(), 2.0)).requirements if row.key == "keep_out"]
@@ -259,8 +259,7 @@ def given_in_flight(scheduled: RunRecord, at: float) -> RunRecord:
     first = schedule_of(Orders(orders.listed[:1], np.zeros(0, POINTS)))
     later = schedule_of(orders._replace(listed=orders.listed[1:]))
     changes = (Change(nanoseconds(at), REFERENCE, *each) for each in later.items())
-    parameters = {**scheduled.parameters, REFERENCE: {**values, **first}}
-    return replace(scheduled, parameters=parameters, changes=tuple(changes))
+    return replace(with_parameters(scheduled, REFERENCE, first), changes=tuple(changes))
 
 
 def test_orders_given_in_flight_are_replayed_from_what_was_told() -> None:

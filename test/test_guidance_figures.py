@@ -19,13 +19,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from craft_helpers import configs, verdict_on
+from craft_helpers import configs
 from guidance_helpers import DESIRED, STRAIGHT, cones, goals
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
-from synthetic import part_of
+from synthetic import part_of, requirement, with_columns, with_parameters
 from test_goal_reference import flight, given_in_flight
 
 from ppc_attitude.analysis.drawing import BLUE, ORANGE, RED
@@ -134,21 +134,21 @@ def test_a_reference_that_is_started_again_is_flown_and_replayed_anew(record: Ru
     assert found is not None
     assert [word.time for word in found.words] == pytest.approx([5.0, 20.0, 40.0, 60.0])
     assert "order 2 is followed" in found.words[2].text
-    row = verdict_on(started, "refused_orders")
+    row = requirement(Verdict(started), "refused_orders")
     assert row.value == 1.0
 
 
 def test_a_refused_order_is_no_run_that_meets_all(record: RunRecord) -> None:
-    row = verdict_on(record, "refused_orders")
+    row = requirement(Verdict(record), "refused_orders")
     assert (row.value, row.met) == (1.0, False)
     assert row.reason.startswith("order 3 is refused: the goal is inside keep-out cone 0")
     # The next order of its instant is followed, and tells nothing of it.
     both = goals((1.0, "spin", STRAIGHT), (1.0, "inertial", STRAIGHT))
     twice = flight(**both, spin__rate=0.05)
-    row = verdict_on(simulate(twice, 2.0), "refused_orders")
+    row = requirement(Verdict(simulate(twice, 2.0)), "refused_orders")
     assert (row.value, row.met, row.reason) == (1.0, False, "")
     obeyed = simulate(flight(**goals((1.0, "inertial", STRAIGHT))), 2.0)
-    row = verdict_on(obeyed, "refused_orders")
+    row = requirement(Verdict(obeyed), "refused_orders")
     assert (row.value, row.met) == (0.0, True)
     resting = Verdict(simulate(flight(), 2.0))
     assert "refused_orders" not in {row.key for row in resting.requirements}
@@ -231,13 +231,12 @@ def test_cones_that_come_or_go_in_flight_are_drawn_and_not_judged(record: RunRec
     none = {"keep_out.axes": [], "keep_out.directions": ["sun"], "keep_out.half_angles": []}
     for before, after in ((none, all_of_them), (all_of_them, cones(STANDS))):
         changes = (Change(10**10, REFERENCE, name, value) for name, value in after.items())
-        parameters = {**record.parameters, REFERENCE: {**values, **before}}
-        run = replace(record, parameters=parameters, changes=tuple(changes))
+        run = replace(with_parameters(record, REFERENCE, before), changes=tuple(changes))
         drawn = guidance_drawn(run)
         told = {text.get_text() for text in drawn["sky_map"].axes[0].texts}
         assert told == {"0: 0 0 1", "1: nadir"}
         assert ("cone_angles" in drawn) is (before is not none)
-        row = verdict_on(run, "keep_out")
+        row = requirement(Verdict(run), "keep_out")
         assert (row.met, row.reason) == (None, "keep_out.axes was changed in flight")
 
 
@@ -267,7 +266,7 @@ def test_an_attitude_that_is_not_known_is_in_no_cone_and_nowhere_on_the_sky(
 ) -> None:
     attitude = record["attitude"].copy()
     attitude[:100] = 0.0
-    lacking = replace(record, columns={**record.columns, "attitude": attitude})
+    lacking = with_columns(record, attitude=attitude)
     assert approaches_of(lacking) == approaches_of(part_of(record, slice(100, None)))
     attitude[:] = 0.0
     assert approaches_of(lacking) == []
@@ -283,8 +282,7 @@ def test_a_run_without_goals_has_none_of_them() -> None:
 def test_guidance_that_nobody_could_fly_is_told_beside_the_rest_of_a_verdict(
     record: RunRecord,
 ) -> None:
-    impossible = {**record.parameters[REFERENCE], "goals.times": [1.0]}
-    lacking = replace(record, parameters={**record.parameters, REFERENCE: impossible})
+    lacking = with_parameters(record, REFERENCE, {"goals.times": [1.0]})
     rows = {row.key: row for row in Verdict(lacking).requirements}
     for key in ("refused_orders", "keep_out"):
         assert rows[key].met is None

@@ -21,10 +21,12 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Ask
-from craft_helpers import configs, overlay, verdict_on
+from craft_helpers import configs, overlay
 from guidance_helpers import Array, guidance
 from scipy.spatial.transform import Rotation
+from synthetic import requirement
 
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.contract.topics import REFERENCE
 from ppc_attitude.science.guidance.frames import FRAME_NAMES, INERTIAL, SPINNING, frame_at
 from ppc_attitude.science.guidance.limits import frame_bounds
@@ -135,7 +137,7 @@ def test_a_flight_to_goals_is_promised_and_the_promise_kept(
     given = ["--config", goals, "--gains", 0.92, 78.4, 1, "--output", gains]
     ask("design", "--config", *configs("paper"), *given)
     scenario = load([*configs("paper"), goals, gains])
-    held = verdict_on(simulate(scenario, 120.0), "certificate")
+    held = requirement(Verdict(simulate(scenario, 120.0)), "certificate")
     assert (held.met, held.note) == (True, "")
 
 

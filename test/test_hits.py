@@ -18,7 +18,14 @@ from dataclasses import replace
 
 import pytest
 from craft_helpers import pulse
-from synthetic import environment, normal_run, pulse_torque, times, with_columns
+from synthetic import (
+    environment,
+    normal_run,
+    pulse_torque,
+    times,
+    with_columns,
+    with_parameters,
+)
 
 from ppc_attitude.analysis.hits import pulses_of
 from ppc_attitude.analysis.metrics import Verdict
@@ -43,7 +50,7 @@ def scheduled(*pulses, changes=(), duration=30.0):
     run = with_columns(
         normal_run(duration), disturbance_torque=environment(t) + pulse_torque(t, [*pulses])
     )
-    return replace(run, parameters={**run.parameters, INJECTOR: schedule}, changes=changes)
+    return replace(with_parameters(run, INJECTOR, schedule), changes=changes)
 
 
 def test_a_scheduled_hit_counts_however_weak_it_is():
@@ -87,7 +94,7 @@ def test_of_a_weak_scheduled_hit_counts_what_the_record_has_of_it(given, found):
     run = scheduled((5.0, 1.0, (0.0, 0.0, 0.0)))
     start, duration, torque = given
     schedule = pulse(start, duration, *torque)
-    run = replace(run, parameters={**run.parameters, INJECTOR: schedule})
+    run = with_parameters(run, INJECTOR, schedule)
     assert [(each.start_s, each.duration_s) for each in pulses_of(run, ACTUATOR)] == found
 
 
@@ -103,8 +110,7 @@ def test_a_schedule_acts_until_it_is_changed_in_flight():
 @pytest.mark.parametrize("limit", [float("nan"), float("inf"), 0.0, -0.05, 10**400, "much"])
 def test_an_actuator_that_means_nothing_hides_no_hit(limit):
     run = scheduled((20.0, 0.1, (0.8, 0.8, 0.8)))
-    plant = {**run.parameters[PLANT], "max_torque": limit}
-    verdict = Verdict(replace(run, parameters={**run.parameters, PLANT: plant}))
+    verdict = Verdict(with_parameters(run, PLANT, {"max_torque": limit}))
     assert len(verdict.hits) == 1
     assert verdict.torque_limit == ACTUATOR
 

@@ -26,6 +26,7 @@ from synthetic import (
     pulse_torque,
     requirement,
     with_columns,
+    with_parameters,
     with_rows,
 )
 from test_metrics import constant_error
@@ -68,8 +69,7 @@ def test_recovered_hits_are_judged_by_recovery_and_not_by_the_settled_error():
 def test_hits_of_a_tiny_and_of_a_huge_craft_are_judged_as_those_of_any_other(size):
     run = hit_run(hits=(80.0,))
     torques = {name: size * run[name] for name in ("applied_torque", "disturbance_torque")}
-    plant = {**run.parameters[PLANT], "max_torque": size * 0.05}
-    scaled = replace(with_columns(run, **torques), parameters={**run.parameters, PLANT: plant})
+    scaled = with_parameters(with_columns(run, **torques), PLANT, {"max_torque": size * 0.05})
     verdict, expected = Verdict(scaled), Verdict(run)
     assert [each.met for each in verdict.requirements] == [
         each.met for each in expected.requirements

@@ -23,7 +23,7 @@ import pytest
 from conftest import Ask
 from craft_helpers import configs
 from docs_helpers import described
-from synthetic import part_of, with_columns, without_columns
+from synthetic import part_of, with_columns, with_parameters, without_columns
 
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.contract.cdr import Codec
@@ -166,8 +166,7 @@ def test_a_law_is_given_the_attitudes_to_which_its_node_normalises() -> None:
 
 def test_what_a_plant_computed_that_ran_free_is_not_replayed() -> None:
     record = simulate(scenario({}), 0.5)
-    plant = {**record.parameters[PLANT], "lockstep": False}
-    found = replay(replace(record, parameters={**record.parameters, PLANT: plant}))
+    found = replay(with_parameters(record, PLANT, {"lockstep": False}))
     assert [each.component for each in found.found] == ["ppc", "direct", "paper"]
     why = "the plant ran free (lockstep = false): no stamp tells which inputs a step had"
     assert found.left_out == (f"rigid_body: {why}", f"ideal: {why}")
@@ -185,8 +184,7 @@ def test_a_law_without_its_parameters_or_messages_is_an_error() -> None:
 def test_fixes_at_other_times_than_the_estimator_says_are_not_replayed() -> None:
     """Nothing tells when they arrived."""
     record = simulate(estimated(), 1.0)
-    values = {**record.parameters[ESTIMATOR], "star_tracker.rate": 7.0}
-    changed = replace(record, parameters={**record.parameters, ESTIMATOR: values})
+    changed = with_parameters(record, ESTIMATOR, {"star_tracker.rate": 7.0})
     left_out = replay(changed).left_out
     told = "came at other times than parameters of attitude_estimator say"
     assert left_out == (f"mekf: star_tracker/attitude {told}",)
@@ -348,9 +346,8 @@ def test_the_command_names_a_law_that_is_not_installed_and_replays_the_rest(
     tmp_path: Path, ask: Ask
 ) -> None:
     record = simulate(scenario({}), 0.1)
-    law = {**record.parameters[CONTROLLER], "controller": "theirs", "theirs.gain": 1.0}
-    parameters = {**record.parameters, CONTROLLER: law}
-    write_run(replace(record, controller="theirs", parameters=parameters), tmp_path / "bag")
+    record = with_parameters(record, CONTROLLER, {"controller": "theirs", "theirs.gain": 1.0})
+    write_run(replace(record, controller="theirs"), tmp_path / "bag")
     told, said = ask("replay", tmp_path / "bag")
     assert "rigid_body: 11 steps replayed" in told
     assert told.count("not installed here, so left out: controller = theirs\n") == 1
@@ -378,13 +375,8 @@ def test_a_law_that_gives_no_number_differs(
 
 def test_what_is_installed_is_replayed_beside_what_is_not() -> None:
     record = simulate(scenario({}), 0.5)
-    theirs = {"plant": "theirs", "theirs.spin": 1.0}
-    parameters = {
-        **record.parameters,
-        PLANT: {**record.parameters[PLANT], **theirs},
-        CONTROLLER: {**record.parameters[CONTROLLER], "their_law.gain": 3.0},
-    }
-    found = replay(replace(record, parameters=parameters))
+    theirs = with_parameters(record, PLANT, {"plant": "theirs", "theirs.spin": 1.0})
+    found = replay(with_parameters(theirs, CONTROLLER, {"their_law.gain": 3.0}))
     names = [each.component for each in found.found]
     assert names == ["ppc", "direct", "ideal", "paper"]
     assert all(each.largest == 0.0 for each in found.found)

@@ -22,6 +22,7 @@ import truth_tables
 from craft_helpers import case
 from estimation_helpers import STEP_NS, Array, angles_between
 from scipy.optimize import linprog
+from synthetic import requirement
 
 from ppc_attitude.analysis.figures import column_figure
 from ppc_attitude.analysis.measure import Measured
@@ -307,7 +308,7 @@ def test_thrusters_are_refused_if_some_torque_cannot_be_had(seed: int) -> None:
 @pytest.mark.parametrize(("tank", "met"), [(0.5, True), (0.001, False)])
 def test_a_craft_whose_fuel_is_used_up_does_not_pass(tank: float, met: bool) -> None:
     flight = simulate(case("paper", "thrusters", thrusters__fuel=tank), 20.0)
-    (row,) = [each for each in Verdict(flight).requirements if each.key == "fuel"]
+    row = requirement(Verdict(flight), "fuel")
     assert (row.met, row.limit, row.unit) == (met, tank, "kg")
     periods = flight["thruster_on_time"][:2000:10]
     spent = 0.1 * periods.sum() / (G0 * 65.0)

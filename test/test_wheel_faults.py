@@ -24,6 +24,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
+from synthetic import requirement
 
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.contract.run_record import RunRecord
@@ -234,7 +235,7 @@ def test_the_papers_hits_are_recovered_from_with_three_wheels() -> None:
     """An independent study found 9.4 s, without the environment."""
     hit = case("sudden_disturbance", "wheels", faults=["wheel/0 effectiveness 0"])
     verdict = Verdict(simulate(hit.with_values(INJECTOR, environment=False), 120.0))
-    rows = {each.key: each for each in verdict.requirements}
-    assert rows["recovery"].value == pytest.approx(9.4, abs=0.2)
-    assert rows["recovery"].met
+    recovery = requirement(verdict, "recovery")
+    assert recovery.value == pytest.approx(9.4, abs=0.2)
+    assert recovery.met
     assert verdict.faults == ("wheel/0 effectiveness 0, 0 to 120 s",)

@@ -29,7 +29,7 @@ from estimation_helpers import STEP_NS, Array
 from peer import peer
 from process_helpers import PAPER, Run
 from scipy.linalg import null_space
-from synthetic import with_columns
+from synthetic import requirement, with_columns
 
 from ppc_attitude.analysis.figures import column_figure
 from ppc_attitude.analysis.measure import Measured
@@ -242,9 +242,8 @@ def flown(**plant: Any) -> RunRecord:
 def test_the_papers_case_with_wheels_is_as_with_an_ideal_actuator() -> None:
     verdict = Verdict(flown())
     assert all(each.met for each in verdict.requirements)
-    rows = {each.key: each for each in verdict.requirements}
-    assert rows["settling_time"].value == pytest.approx(48.9)
-    assert 0.5 < rows["wheel_speed"].value < 0.75
+    assert requirement(verdict, "settling_time").value == pytest.approx(48.9)
+    assert 0.5 < requirement(verdict, "wheel_speed").value < 0.75
 
 
 def test_what_friction_does_to_a_drive_that_does_not_know_it() -> None:
@@ -252,9 +251,8 @@ def test_what_friction_does_to_a_drive_that_does_not_know_it() -> None:
     verdict = Verdict(
         flown(wheels__friction_knowledge=0.0, wheels__null_speed=0.0, wheels__null_gain=0.0)
     )
-    rows = {each.key: each for each in verdict.requirements}
-    assert rows["outside_rate_envelope"].value == pytest.approx(7.4, abs=2.0)
-    assert rows["terminal_error"].value == pytest.approx(1.7e-4, abs=0.3e-4)
+    assert requirement(verdict, "outside_rate_envelope").value == pytest.approx(7.4, abs=2.0)
+    assert requirement(verdict, "terminal_error").value == pytest.approx(1.7e-4, abs=0.3e-4)
 
 
 def test_the_momentum_of_the_wheels_is_judged_by_the_users_limit() -> None:
@@ -264,11 +262,10 @@ def test_the_momentum_of_the_wheels_is_judged_by_the_users_limit() -> None:
     held = np.linalg.norm(8e-4 * record["wheel_speed"][:, :4] @ axes, axis=1).max()
     for limit, met in ((0.9 * held, False), (1.1 * held, True)):
         verdict = Verdict(record, replace(PAPER_REQUIREMENTS, momentum=limit))
-        row = {each.key: each for each in verdict.requirements}["momentum"]
+        row = requirement(verdict, "momentum")
         assert (row.value, row.met, row.unit) == (pytest.approx(held, rel=1e-12), met, "N·m·s")
-    without = simulate(case(), 2.0)
-    verdict = Verdict(without, replace(PAPER_REQUIREMENTS, momentum=0.1))
-    row = {each.key: each for each in verdict.requirements}["momentum"]
+    verdict = Verdict(simulate(case(), 2.0), replace(PAPER_REQUIREMENTS, momentum=0.1))
+    row = requirement(verdict, "momentum")
     assert (row.met, row.note) == (None, "no topic wheels/speed in the bag")
 
 
