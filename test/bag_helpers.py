@@ -51,7 +51,6 @@ def header(stamp: int, frame: str) -> Any:
 
 
 def vector(values: Any) -> Any:
-    """Three numbers as a message."""
     return TYPES["geometry_msgs/msg/Vector3"](*values)
 
 
@@ -135,7 +134,6 @@ def unfinished(path: Path, storage: str, run: RunRecord) -> Path:
 
 
 def storage_file(path: Path) -> Path:
-    """The one storage file of a bag."""
     (file,) = (file for file in path.iterdir() if file.suffix in (".mcap", ".db3"))
     return file
 

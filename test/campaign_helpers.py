@@ -42,7 +42,6 @@ VARIES = {
 
 
 def small(duration: float = 3.0, rate: float = 50.0) -> Campaign:
-    """A campaign of short runs."""
     given = {PLANT: {"duration": duration, "rate": rate}, INJECTOR: {"environment": True}}
     return campaign(VARIES, scenario(given), 1)
 
@@ -74,13 +73,11 @@ def compute_here(patch: pytest.MonkeyPatch) -> None:
 
 
 def run_one(of: Campaign, index: int) -> Outcome:
-    """One run of a campaign."""
     (outcome,) = run_chunk(of, index, index + 1)
     return outcome
 
 
 def rows_of(folder: Path) -> list[dict[str, Any]]:
-    """Rows of a finished campaign."""
     import pyarrow.parquet as pq  # who only runs campaigns need not have it
 
     rows: list[dict[str, Any]] = pq.read_table(folder / "runs.parquet").to_pylist()
@@ -88,7 +85,6 @@ def rows_of(folder: Path) -> list[dict[str, Any]]:
 
 
 def files_of(folder: Path) -> dict[str, bytes]:
-    """Every file of a folder."""
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 

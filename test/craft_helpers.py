@@ -38,7 +38,6 @@ FRICTIONLESS = {f"wheels__{name}": [0.0] for name in ("viscous", "coulomb", "sta
 
 
 def configs(*names: str) -> list[Path]:
-    """Configuration files by their names."""
     return [CONFIG / f"{name}.yaml" for name in names]
 
 

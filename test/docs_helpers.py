@@ -27,8 +27,6 @@ EXAMPLES = ROOT / "docs" / "examples"
 
 
 class Command(NamedTuple):
-    """One command of a page."""
-
     page: Path
     text: str
 

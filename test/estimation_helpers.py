@@ -62,7 +62,6 @@ def new_memory() -> Any:
 
 @kernel
 def known_now(memory: Any) -> Any:
-    """What a filter knows."""
     return recalled(memory, newest(memory))
 
 

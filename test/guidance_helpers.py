@@ -130,7 +130,6 @@ def assert_same(ours: Array, truth: Array, attitude: float, rate: float, bend: f
 
 
 def quaternion(values: Any) -> Quaternion:
-    """Four floats as a tuple."""
     x, y, z, w = map(float, values)
     return (x, y, z, w)
 

@@ -102,7 +102,6 @@ class Peer:
             }
 
     def send(self, topic: Topic, data: bytes) -> None:
-        """Publish bytes."""
         self._own.add(data)
         self._publishers[topic].publish(data)
 
@@ -126,7 +125,6 @@ class Peer:
         return result
 
     def spin(self) -> None:
-        """Take what has arrived."""
         self._executor.spin_once(timeout_sec=0.0)
 
     def time(self, topic: Topic) -> float:
@@ -155,11 +153,9 @@ class Peer:
         self.until(lambda: text in self.health.get(node, {}).get("message", ""), f"{node}: {text}")
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
-        """Call a service."""
         return call(self.node, kind, name, request, self.until)
 
     def set_parameter(self, node: str, name: str, value: Any) -> Any:
-        """Set one parameter of a node; return what it answers."""
         parameter = Parameter(name, value=value).to_parameter_msg()
         request = SetParameters.Request(parameters=[parameter])
         (result,) = self.call(SetParameters, f"/{node}/set_parameters", request).results
@@ -234,14 +230,12 @@ class Beside:
         self.until(lambda: all(p.get_subscription_count() for p in self.publishers.values()))
 
     def spin(self) -> None:
-        """Let both take what has come."""
         self.executor.spin_once(timeout_sec=0.01)
 
     def until(self, condition: Callable[[], Any], what: str = "an answer") -> Any:
         return until(condition, what, meanwhile=self.spin)
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
-        """Call a service."""
         return call(self.peer, kind, name, request, self.until)
 
     def send(self, topic: Topic, stamp_ns: int, values: Sequence[float]) -> None:

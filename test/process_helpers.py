@@ -94,8 +94,6 @@ class Process:
         return self._err.read_text(errors="replace")
 
     def says(self, text: str) -> None:
-        """Wait until it has said something."""
-
         def said() -> bool:
             assert text in self.err or self.process.poll() is None, f"ended: {self.err}"
             return text in self.err
@@ -112,8 +110,6 @@ class Process:
 
 
 class Node(Process):
-    """One executable."""
-
     def __init__(
         self,
         start_process: StartProcess,
@@ -189,8 +185,6 @@ def plans(controller: Process) -> list[tuple[float, float]]:
 
 
 class Run(Process):
-    """`ppc_attitude run`."""
-
     def __init__(
         self,
         start_process: StartProcess,
@@ -236,7 +230,6 @@ class Run(Process):
 
 
 def workers_of(pid: int) -> list[int]:
-    """Process ids of the workers of a campaign."""
     return [each for each in _children(pid) if "ppc_attitude.campaign.worker\0" in _command(each)]
 
 
@@ -246,7 +239,6 @@ def pace(factor: float) -> str:
 
 
 def family(pid: int) -> list[int]:
-    """A process and all that descend from it."""
     return [pid, *(each for child in _children(pid) for each in family(child))]
 
 

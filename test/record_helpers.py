@@ -45,7 +45,6 @@ def derivative(at: Callable[[float], Array], h: float) -> Array:
 
 
 def new_record(dtype: Any) -> Any:
-    """Return a record of zeros."""
     return np.zeros((), dtype)[()]
 
 

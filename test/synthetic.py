@@ -175,16 +175,13 @@ def with_rows(run: RunRecord, column: str, instants: Any, values: ArrayLike) -> 
 
 
 def part_of(run: RunRecord, instants: slice | np.ndarray) -> RunRecord:
-    """The run at some of its instants."""
     columns = {name: samples[instants] for name, samples in run.columns.items()}
     return replace(run, stamps_ns=run.stamps_ns[instants], columns=columns)
 
 
 def without_columns(run: RunRecord, *names: str) -> RunRecord:
-    """The run without some columns."""
     return replace(run, columns={k: v for k, v in run.columns.items() if k not in names})
 
 
 def requirement(verdict: Verdict, key: str) -> Requirement:
-    """How a run came out by one requirement."""
     return next(each for each in verdict.requirements if each.key == key)

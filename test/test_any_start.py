@@ -58,7 +58,6 @@ def started(case: Scenario, error: Rotation, rate: np.ndarray) -> Scenario:
 
 
 def advice_of(case: Scenario) -> Any:
-    """What the law says after its first step."""
     return first_instant(case)[CONTROLLERS.name].advice
 
 

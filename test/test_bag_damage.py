@@ -139,7 +139,6 @@ def test_damaged_metadata_are_a_warning(tmp_path: Path, text: str) -> None:
 
 @pytest.fixture(scope="module", params=["mcap", "sqlite3"])
 def whole(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A bag with several chunks."""
     bag = tmp_path_factory.mktemp("whole") / "bag"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(storage, "_CHUNK_BYTES", 2**13)

@@ -240,7 +240,6 @@ def test_after_a_reset_a_second_node_that_answers_late_takes_nothing_away(tmp_pa
 
 
 def told(stamp: int, name: str, value: float) -> list:
-    """The message of a change."""
     change = Change(stamp, CONTROLLER, name, value)
     return [(CHANGES_TOPIC, *each) for each in encode_changes([change])]
 

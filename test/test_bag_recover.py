@@ -105,12 +105,10 @@ def test_a_healthy_bag_is_refused_and_untouched(tmp_path: Path, storage: str) ->
 
 
 def contents(folder: Path) -> dict[Path, bytes]:
-    """What each file in a folder and the folders within holds."""
     return {file: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
 
 
 def chunks_in(content: bytes) -> list[int]:
-    """Places of the chunks of an MCAP file."""
     found, place = [], 8
     while place < len(content) - 8:
         kind, length = struct.unpack_from("<BQ", content, place)

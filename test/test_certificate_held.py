@@ -57,7 +57,6 @@ def record_of(*overlays: str, **nodes: dict[str, Any]) -> RunRecord:
 
 
 def held_by(record: RunRecord) -> Held:
-    """What became of the certificate of a run that has one."""
     held = certificate_held(record)
     assert held is not None
     return held

@@ -61,7 +61,6 @@ def warned(scenario: Scenario) -> set[str]:
 
 
 def told_by_check(ask: Ask, *files: Path, code: int = 0) -> dict[str, dict[str, Any]]:
-    """What `check` says of configuration files, by name."""
     told = ask("check", *(f"--config={file}" for file in files), "--json", code=code)
     return {each["name"]: each for each in told.json["conditions"]}
 

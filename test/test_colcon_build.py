@@ -42,7 +42,6 @@ SHARED_FILES = [
 
 
 def not_source(folder: str, names: list[str]) -> set[str]:
-    """Choose what of a folder does not belong into the copy."""
     if Path(folder) == ROOT:
         return {name for name in names if name.startswith(".") or name in GENERATED}
     return {"__pycache__"}

@@ -142,7 +142,6 @@ def fill(message: Any, values: dict[str, Any]) -> None:
 
 
 def check_node_arguments(node: str, words: list[str]) -> None:
-    """Check the ROS arguments of a node's command line."""
     assert node in PARAMETERS
     assert words == [] or words[0] == "--ros-args"
     for option, value in zip(words[1::2], words[2::2], strict=True):
@@ -156,7 +155,6 @@ def check_node_arguments(node: str, words: list[str]) -> None:
 
 
 def check_parameter(node: str, name: str, value: str) -> None:
-    """The node has the parameter and takes the value."""
     resolved(PARAMETERS[node], {name: yaml.safe_load(value)}, node)
 
 

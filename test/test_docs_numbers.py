@@ -34,7 +34,6 @@ def test_verdict_of_the_readme_is_what_is_printed(ask: Ask) -> None:
 
 
 def numbers(text: str) -> list[float]:
-    """Every number in a text."""
     return [float(each) for each in re.findall(r"(?<![\w.])-?\d+\.?\d*(?:e[-+]?\d+)?", text)]
 
 

@@ -176,7 +176,6 @@ class Host:
         return ("nsenter", "-t", target, "--user", "--preserve-credentials", "--net")
 
     def ip(self, *words: str) -> None:
-        """Configure the network."""
         command = [*self.enter, "ip", *words]
         done = Process(self._start, self._folder, "ip", command)
         assert done.ends() == 0, done.err

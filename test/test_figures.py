@@ -73,7 +73,6 @@ def hit():
 
 @pytest.fixture(scope="module")
 def drawn(normal, hit):
-    """All figures of either run."""
     return [figures_of(Measured(run)) for run in (normal, hit)]
 
 

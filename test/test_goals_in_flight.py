@@ -146,7 +146,6 @@ def pilot(ros_domain: int) -> Iterator[Pilot]:
 
 
 def flown(orders: list[Any], times: list[float], profiles: Any = ()) -> list[list[float]]:
-    """What the component alone gives with the same orders."""
     part = guided(orders, profiles)
     return [list(part.step(nanoseconds(t), START)) for t in times]
 

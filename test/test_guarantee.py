@@ -302,7 +302,6 @@ def test_an_inequality_has_a_name_of_its_own() -> None:
 
 
 def broken(scenario: Scenario) -> list[str]:
-    """Assumptions of its certificate that a scenario does not keep."""
     law, nodes = scenario.parameters[CONTROLLER], nodes_around(scenario.parameters)
     assumed = assumptions_of(law)
     by_craft = broken_assumptions(assumed, law_of(law), nodes)

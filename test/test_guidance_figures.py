@@ -68,7 +68,6 @@ def drawn(record: RunRecord) -> dict[str, tuple[str, Figure]]:
 
 
 def guidance_drawn(record: RunRecord) -> dict[str, Figure]:
-    """The figures of guidance alone."""
     found = {}
     for name, _, draw in guidance_drawings(record):
         with suppress(AnalysisError):  # it has no such figure

@@ -118,7 +118,6 @@ def test_no_frame_turns_faster_than_its_bounds(frame: int) -> None:
 
 @pytest.fixture
 def goals(tmp_path: Path) -> Path:
-    """Three goals for a craft with slow slews."""
     reference = {
         "mode": "goal",
         "guidance": {"max_rate": 0.0145, "max_acceleration": 0.0035, "max_jerk": 0.0035},

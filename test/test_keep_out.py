@@ -44,8 +44,6 @@ SCENES = scenes()
 
 
 class Plan(NamedTuple):
-    """What `route` answers."""
-
     outcome: int
     attitudes: Array
     axes: Array

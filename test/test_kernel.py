@@ -108,7 +108,6 @@ def test_threads_that_compile_leave_numbas_setting_as_it_was() -> None:
 
 
 def printed(code: str, folder: Path, **environment: str) -> str:
-    """What another Python prints that executes the code in a folder."""
     command = [sys.executable, "-c", code]
     surroundings = {**os.environ, **environment}
     return subprocess.check_output(command, cwd=folder, env=surroundings, text=True)
@@ -131,7 +130,6 @@ for text in texts:
 
 
 def printed_of(code: str, file: Path, *texts: str, folder: Path, **environment: str) -> list[str]:
-    """What the code prints for each text."""
     command = [sys.executable, "-c", ANEW, code, str(file), *texts]
     surroundings = {**os.environ, **environment}
     told = subprocess.check_output(command, cwd=folder, env=surroundings, text=True)

@@ -50,7 +50,6 @@ class Launch:
         self.said = ""
 
     def until(self, text: str) -> None:
-        """Read until a line with the text."""
         assert self.process.stdout is not None
         for line in self.process.stdout:
             self.said += line

@@ -80,7 +80,6 @@ FLOORS: dict[str, tuple[set[str], set[str]]] = {
 
 
 def module_name(path: Path) -> str:
-    """Name the module of a file of the package."""
     parts = path.relative_to(ROOT).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 

@@ -266,7 +266,6 @@ def test_parameters_in_flight_are_refused_with_reasons_or_act_and_are_replayed_a
 
 
 def switch(stack: Peer, enabled: bool) -> None:
-    """Let the controller command torque, or none."""
     assert stack.call(SetBool, f"/{CONTROLLER}/enable", SetBool.Request(data=enabled)).success
 
 

@@ -30,7 +30,6 @@ from ppc_attitude.simulation.flight_plan import goals_told
 
 
 def needed(**reference: Any) -> dict[str, Condition]:
-    """What `check` says that slews need."""
     scenario = flight(**reference).with_values(PLANT, duration=120.0)
     return conditions(scenario)
 

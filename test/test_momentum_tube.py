@@ -49,7 +49,6 @@ def run(duration: float = 120.0, **nodes: dict[str, Any]) -> RunRecord:
 
 
 def told_after(seconds: float, **nodes: dict[str, Any]) -> str:
-    """What the law says in the end."""
     diagram = Diagram(scenario({"ppc_controller": LAW} | nodes).parameters)
     diagram.run(stamps_of(100.0, seconds))
     return diagram.parts[CONTROLLERS.name].advice.text

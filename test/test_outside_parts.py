@@ -119,7 +119,6 @@ def tell(outside: "subprocess.Popen[str]", tmp_path: Path) -> Tell:
 
 
 def choose(tmp_path: Path, node: str, values: str, name: str = "own.yaml") -> None:
-    """Write a file with parameters of a node."""
     (tmp_path / name).write_text(f"{node}: {{ros__parameters: {{{values}}}}}\n")
 
 

@@ -73,7 +73,6 @@ NEEDED_WITHOUT_IMPORT = {"ruamel", "scipy", "sensor_msgs"}
 
 @pytest.fixture(scope="module")
 def setup_arguments() -> dict[str, Any]:
-    """Collect the arguments that setup.py hands to setuptools."""
     with pytest.MonkeyPatch.context() as patch, mock.patch("setuptools.setup") as setup:
         patch.chdir(ROOT)
         runpy.run_path("setup.py")
@@ -82,20 +81,17 @@ def setup_arguments() -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def manifest() -> Package:
-    """Parse package.xml."""
     return parse_package(str(ROOT / "package.xml"))
 
 
 @pytest.fixture(scope="module")
 def imported_modules() -> set[str]:
-    """Collect the modules of others that the package and its launch files import."""
     files = [*SOURCES, *(ROOT / "launch").rglob("*.py")]
     tops = {name.partition(".")[0] for path in files for name in imports_of(path)}
     return {top for top in tops if top not in sys.stdlib_module_names} - {PACKAGE}
 
 
 def names(requirements: list[str]) -> set[str]:
-    """Strip the bounds and extras from requirements."""
     return {Requirement(each).name for each in requirements}
 
 

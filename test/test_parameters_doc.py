@@ -110,7 +110,6 @@ def test_the_papers_file_is_complete() -> None:
 
 
 def ask(asker: Node, node: str, service: Any, name: str, request: Any) -> Any:
-    """Answer of one of a node's parameter services."""
     executor = SingleThreadedExecutor(context=asker.context)
     executor.add_node(asker)
     wait = partial(until, meanwhile=partial(executor.spin_once, timeout_sec=0.01))

@@ -25,7 +25,6 @@ BOTH = {1: "/ppc_controller", 2: "/ppc_controller"}
 
 
 def numbers(begin: int) -> Iterator[tuple[int, int]]:
-    """Numbers and stamps that one publisher gives to its messages."""
     return ((begin + step, step * PERIOD) for step in range(10_000))
 
 

@@ -81,7 +81,6 @@ class Loop:
         return send
 
     def subscriptions(self, topic: Topic) -> list[Any]:
-        """Subscriptions of every node that listens to a topic."""
         return [
             each
             for node in (*self.others, self.plant)
@@ -90,7 +89,6 @@ class Loop:
         ]
 
     def deliver(self, message: Message) -> None:
-        """Hand a message to every node that listens to its topic."""
         topic, data = message
         for each in self.subscriptions(topic):
             each.callback(data)
@@ -159,7 +157,6 @@ def messages(draw: st.DrawFn) -> tuple[Topic, bytes, bool]:
 
 
 def at(data: bytes, stamp_ns: int) -> bytes:
-    """The same message with another stamp."""
     head = Codec(ATTITUDE).encode(stamp_ns, (0.0, 0.0, 0.0, 1.0))[4:12]
     return data[:4] + head + data[12:]
 

@@ -34,8 +34,6 @@ ALL = (STATE, TORQUE, AHEAD)
 
 
 class Bag:
-    """A recording, and what it has written."""
-
     def __init__(self) -> None:
         self.written: list[tuple[str, int, bytes]] = []
         self.recording = Recording(lambda *message: self.written.append(message))

@@ -51,7 +51,6 @@ def _gives_nan(inputs: Any, state: Any, configuration: Any, outputs: Any) -> Non
 
 
 def differing(record: RunRecord) -> set[str]:
-    """Components that do not give again what is on record."""
     return {each.component for each in replay(record).found if each.largest > 0.0}
 
 

@@ -72,7 +72,6 @@ class Page(HTMLParser):
 
 
 def data_of(text):
-    """What a script of the page is given."""
     return json.loads(re.search(r"json\">(.*)</script>", text)[1])
 
 

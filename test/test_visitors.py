@@ -66,7 +66,6 @@ Shown = pytest.CaptureFixture[str]
 
 @pytest.fixture
 def stranger() -> Iterator[rclpy.node.Node]:
-    """A node that is none of a run's."""
     with node_apart("stranger") as node:
         yield node
 

@@ -31,7 +31,6 @@ def _lines(name: str) -> list[str]:
 
 
 def notes(name: str) -> list[str]:
-    """What a table says of itself."""
     return [line for line in _lines(name) if line.startswith("#")]
 
 
@@ -42,7 +41,6 @@ def rows(name: str) -> tuple[list[str], Any]:
 
 
 def numbers(name: str) -> Array:
-    """The rows of a table of numbers."""
     return np.asarray(rows(name)[1], np.float64)
 
 
