@@ -111,6 +111,25 @@ def test_every_node_with_noise_has_the_seed_of_the_run() -> None:
     assert runs[0][1] != runs[1][1]
 
 
+def noise(kind: str, **numbers: Any) -> dict[str, Any]:
+    return {"rate_noise": {"distribution": kind, **numbers}}
+
+
+def hit(**numbers: float) -> dict[str, Any]:
+    return {"disturbance": numbers}
+
+
+def fault(what: Any, time: float = 1.0) -> dict[str, Any]:
+    return {"fault": {"what": what, "time": time}}
+
+
+def rate(direction: Any) -> dict[str, Any]:
+    return {"initial_rate": {"magnitude": 0.1, "direction": direction}}
+
+
+CONE = {"initial_attitude": {"distribution": "cone", "angle": 4}}
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
@@ -120,64 +139,34 @@ def test_every_node_with_noise_has_the_seed_of_the_run() -> None:
         ({"rate_noise": True}, "rate_noise = True; allowed: finite"),
         ({"rate_noise": math.nan}, "rate_noise = nan; allowed: finite"),
         ({"rate_noise": -1e-6}, "rate_noise can become -1e-06; allowed: finite, ≥ 0"),
-        ({"rate_noise": {"distribution": "gamma"}}, "rate_noise.distribution = 'gamma'; allowed"),
-        ({"rate_noise": {"distribution": "uniform", "low": 0}}, "rate_noise lacks high"),
-        (
-            {"rate_noise": {"distribution": "uniform", "low": 0, "high": 1, "mean": 2}},
-            "rate_noise has no mean; allowed: distribution, low, high",
-        ),
-        (
-            {"rate_noise": {"distribution": "uniform", "low": 0.5, "high": 0.1}},
-            "rate_noise.low = 0.5 is larger than high = 0.1",
-        ),
-        (
-            {"rate_noise": {"distribution": "log_uniform", "low": 0, "high": 0.1}},
-            "rate_noise.low = 0; allowed: > 0 for log_uniform",
-        ),
-        (
-            {"rate_noise": {"distribution": "normal", "mean": 0.1, "deviation": 0.1, "low": -1}},
-            "rate_noise can become -1; allowed: finite, ≥ 0",
-        ),
-        (
-            {"rate_noise": {"distribution": "normal", "mean": 0, "deviation": -1}},
-            "rate_noise.deviation = -1; allowed: > 0",
-        ),
-        (
-            {"rate_noise": {"distribution": "normal", "mean": 0, "deviation": 0.01, "low": 0.9}},
-            "only 0 of the normal distribution lies between low = 0.9",
-        ),
-        ({"rate_noise": {"distribution": "choice", "values": []}}, "values = \\[\\]; allowed"),
+        (noise("gamma"), "rate_noise.distribution = 'gamma'; allowed"),
+        (noise("uniform", low=0), "rate_noise lacks high"),
+        (noise("uniform", low=0, high=1, mean=2), "has no mean; allowed: distribution, low, high"),
+        (noise("uniform", low=0.5, high=0.1), "rate_noise.low = 0.5 is larger than high = 0.1"),
+        (noise("log_uniform", low=0, high=1), "rate_noise.low = 0; allowed: > 0 for log_uniform"),
+        (noise("normal", mean=0.1, deviation=0.1, low=-1), "rate_noise can become -1; allowed: fi"),
+        (noise("normal", mean=0, deviation=-1), "rate_noise.deviation = -1; allowed: > 0"),
+        (noise("normal", mean=0, deviation=0.01, low=0.9), "only 0 .* lies between low = 0.9"),
+        (noise("choice", values=[]), r"values = \[\]; allowed"),
         ({"inertia_error": 0.95}, "inertia_error can become 0.95; allowed: finite, ≥ 0, ≤ 0.9"),
         ({"actuator_strength": 0}, "actuator_strength can become 0; allowed: finite, > 0"),
         ({"actuator_strength": 1e-3}, "actuator_strength can become 0.001: .* min_torque"),
         ({"initial_attitude": "cube"}, "initial_attitude.distribution = 'cube'; allowed: so3"),
-        (
-            {"initial_attitude": {"distribution": "cone", "angle": 4}},
-            "initial_attitude.angle = 4 rad; allowed: 0 to π",
-        ),
+        (CONE, "initial_attitude.angle = 4 rad; allowed: 0 to π"),
         ({"initial_rate": 0.1}, "initial_rate = 0.1; allowed: a mapping of magnitude, direction"),
         ({"initial_rate": {}}, "initial_rate.magnitude = None; allowed: finite"),
         (
-            {"initial_rate": {"magnitude": 0.1, "direction": [0, 0, 0]}},
-            r"initial_rate.direction has \[0.0, 0.0, 0.0\], which is no direction; allowed: a",
+            rate([0, 0, 0]),
+            r"initial_rate.direction has \[0.0, 0.0, 0.0\], which is no direction; a",
         ),
-        (
-            {"initial_rate": {"magnitude": 0.1, "direction": "up"}},
-            "initial_rate.direction = 'up'; allowed: sphere, or three numbers",
-        ),
-        (
-            {"disturbance": {"time": 11, "duration": 0.1, "torque": 1}},
-            "disturbance.time can become 11; allowed: finite, ≥ 0, ≤ 10 s",
-        ),
-        (
-            {"disturbance": {"time": 1, "duration": 0, "torque": 1}},
-            "disturbance.duration can become 0; allowed: finite, ≥ 0.01, ≤ 10 s",
-        ),
-        ({"disturbance": {"time": 1, "duration": 1}}, "disturbance.torque = None; allowed"),
-        ({"fault": {"what": "x", "time": 1}}, "fault.what = 'x'; allowed: a list of faults"),
-        ({"fault": {"what": ["actuator/x stuck 0"], "time": 11}}, "fault.time can become 11; all"),
-        ({"fault": {"what": ["wheel/0 seized"], "time": 1}}, "fault.what: .* has a part wheel/0"),
-        ({"fault": {"what": ["actuator/x dead"], "time": 1}}, "fault.what: .* has no fault dead"),
+        (rate("up"), "initial_rate.direction = 'up'; allowed: sphere, or three numbers"),
+        (hit(time=11, duration=1, torque=1), "time can become 11; allowed: finite, ≥ 0, ≤ 10 s"),
+        (hit(time=1, duration=0, torque=1), "duration can become 0; .* ≥ 0.01, ≤ 10 s"),
+        (hit(time=1, duration=1), "disturbance.torque = None; allowed"),
+        (fault("x"), "fault.what = 'x'; allowed: a list of faults"),
+        (fault(["actuator/x stuck 0"], time=11), "fault.time can become 11; all"),
+        (fault(["wheel/0 seized"]), "fault.what: .* has a part wheel/0"),
+        (fault(["actuator/x dead"]), "fault.what: .* has no fault dead"),
     ],
 )
 def test_refusals_name_the_thing_its_value_and_what_is_allowed(given: Any, message: str) -> None:

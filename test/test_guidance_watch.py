@@ -153,80 +153,65 @@ def profile(*points: list[float]) -> dict[str, Any]:
     return {**goals((0.0, "profile", STRAIGHT)), "goals.points": [x for row in rows for x in row]}
 
 
-@pytest.mark.parametrize(
-    ("start", "values", "reason"),
-    [
-        pytest.param(
-            [1.0, 0.0, 0.0, 0.0],
-            {**goals((0.0, "inertial", STRAIGHT)), **cones(([0.0, 0.6, 0.8], "0 0 1", 1.0))},
-            "goal is inside keep-out cone 0, 36.87° from its direction; allowed: at least 57.30°",
-            id="goal in a cone",
-        ),
-        pytest.param(
-            *ring(),
-            # z turns about x, over the cone that stands at −y.
-            "no path to the goal is found that avoids all keep-out cones; the direct one crosses "
-            "keep-out cone 6",
-            id="closed",
-        ),
-        pytest.param(
-            STRAIGHT,
-            {**goals((0.0, "spin", STRAIGHT)), "spin.rate": -0.2},
-            "spin.rate = -0.2 rad/s; allowed: -0.0314159 to 0.0314159, which is 0.9 "
-            "guidance.max_rate",
-            id="spin",
-        ),
-        pytest.param(
-            STRAIGHT,
-            profile([5.0, 1.0, 0.0, 0.0, 0.0], [500.0, *STRAIGHT]),
-            "the slew to the first point ends at t = 97.000 s, after that point's 5.000 s",
-            id="late",
-        ),
-        pytest.param(
-            STRAIGHT,
-            {
-                **profile([5.0, *STRAIGHT], [86401.0, *STRAIGHT]),
-                **cones(([0.0, 0.0, 1.0], "nadir", 0.1)),
-            },
-            "the last point is at t = 86401.000 s; allowed with keep-out cones: up to 86400.000 s",
-            id="far",
-        ),
-        pytest.param(
-            STRAIGHT,
-            profile([5.0, *STRAIGHT], [9.0, 0.6, 0.0, 0.0, 0.8]),
-            "the path on from the point at t = 5.000 s needs",
-            id="fast",
-        ),
-        pytest.param(
-            # The Sun along the orbit's normal leaves the frame `sun` no second direction.
-            STRAIGHT,
-            {
-                **goals((0.0, "sun", STRAIGHT)),
-                "orbit.epoch": "2025-03-20T09:00:00",
-                "orbit.inclination": 0.5 * math.pi,
-                "orbit.raan": 0.5 * math.pi,
-            },
-            "from being parallel; allowed: at least 5.74°; try another time",
-            id="frame",
-        ),
-        pytest.param(
-            STRAIGHT,
-            {**goals((0.0, "nadir", STRAIGHT)), "guidance.max_rate": 1e-3},
-            "that keeps guidance.max_rate = 0.001 rad/s while the goal's frame turns too; raise",
-            id="fast frame",
-        ),
-        pytest.param(
-            # A cone that stands still, and points that lead through it.
-            STRAIGHT,
-            {
-                **profile([5.0, *STRAIGHT], [90.0, 0.6, 0.0, 0.0, 0.8]),
-                **cones(([0.0, 0.0, 1.0], "0 -1 1", 0.1)),
-            },
-            "crosses keep-out cone 0 at t = 49.0 s; try another time or another path",
-            id="through",
-        ),
-    ],
-)
+STANDING = goals((0.0, "inertial", STRAIGHT))
+# The Sun along the orbit's normal leaves the frame `sun` no second direction.
+PARALLEL = {
+    **goals((0.0, "sun", STRAIGHT)),
+    "orbit.epoch": "2025-03-20T09:00:00",
+    "orbit.inclination": 0.5 * math.pi,
+    "orbit.raan": 0.5 * math.pi,
+}
+QUICK = {**goals((0.0, "nadir", STRAIGHT)), "guidance.max_rate": 1e-3}
+LONG = profile([5.0, *STRAIGHT], [86401.0, *STRAIGHT]) | cones(([0.0, 0.0, 1.0], "nadir", 0.1))
+# A cone that stands still, and points that lead through it.
+THROUGH = profile([5.0, *STRAIGHT], [90.0, 0.6, 0.0, 0.0, 0.8])
+THROUGH |= cones(([0.0, 0.0, 1.0], "0 -1 1", 0.1))
+REFUSED: dict[str, tuple[Any, dict[str, Any], str]] = {
+    "goal in a cone": (
+        [1.0, 0.0, 0.0, 0.0],
+        STANDING | cones(([0.0, 0.6, 0.8], "0 0 1", 1.0)),
+        "goal is inside keep-out cone 0, 36.87° from its direction; allowed: at least 57.30°",
+    ),
+    "closed": (
+        *ring(),  # z turns about x, over the cone that stands at −y
+        "no path to the goal is found that avoids all keep-out cones; the direct one crosses "
+        "keep-out cone 6",
+    ),
+    "spin": (
+        STRAIGHT,
+        {**goals((0.0, "spin", STRAIGHT)), "spin.rate": -0.2},
+        "spin.rate = -0.2 rad/s; allowed: -0.0314159 to 0.0314159, which is 0.9 guidance.max_rate",
+    ),
+    "late": (
+        STRAIGHT,
+        profile([5.0, 1.0, 0.0, 0.0, 0.0], [500.0, *STRAIGHT]),
+        "the slew to the first point ends at t = 97.000 s, after that point's 5.000 s",
+    ),
+    "far": (
+        STRAIGHT,
+        LONG,
+        "the last point is at t = 86401.000 s; allowed with keep-out cones: up to 86400.000 s",
+    ),
+    "fast": (
+        STRAIGHT,
+        profile([5.0, *STRAIGHT], [9.0, 0.6, 0.0, 0.0, 0.8]),
+        "the path on from the point at t = 5.000 s needs",
+    ),
+    "frame": (STRAIGHT, PARALLEL, "from being parallel; allowed: at least 5.74°; try another time"),
+    "fast frame": (
+        STRAIGHT,
+        QUICK,
+        "that keeps guidance.max_rate = 0.001 rad/s while the goal's frame turns too; raise",
+    ),
+    "through": (
+        STRAIGHT,
+        THROUGH,
+        "crosses keep-out cone 0 at t = 49.0 s; try another time or another path",
+    ),
+}
+
+
+@pytest.mark.parametrize(("start", "values", "reason"), REFUSED.values(), ids=REFUSED)
 def test_refusal_names_value_and_range_and_the_present_motion_goes_on(
     start: list[float], values: dict[str, Any], reason: str
 ) -> None:
@@ -295,33 +280,27 @@ def test_two_line_elements_give_the_orbit_of_sgp4() -> None:
     assert np.array_equal(part.configuration["sky"]["orbit"][0]["position"], record["position"])
 
 
-@pytest.mark.parametrize(
-    ("lines", "epoch", "reason"),
-    [
-        (with_checksums(LINES), "2025-01-01", "is 279.5 days after the epoch of orbit.tle"),
-        (with_checksums(LINES).replace("51.6416", "51.6417"), DATE, "allowed: its checksum"),
-        (LINES.splitlines()[0], DATE, r"orbit\.tle has 1 lines; allowed: 2"),
-        ("\n".join(2 * [with_checksums(LINES)]), DATE, r"orbit\.tle has 4 lines; allowed: 2, or 3"),
-        (with_checksums(LINES).replace("\n2 ", "\n3 "), DATE, "allowed: 69 characters"),
-        (with_checksums(LINES).replace(".00016717", ".0001671²"), DATE, "allowed: 69 characters"),
-        (with_checksums(LINES.replace("51.6416", "  .    ")), DATE, "not convert string to float"),
-        (with_checksums(LINES.replace("15.49815380", " 0.00000000")), DATE, "gives no orbit"),
-        (with_checksums(LINES.replace("2 25544", "2 25545")), DATE, "do not match"),
-        (with_checksums(LINES.replace("0006703", "0706703")), DATE, "perigee is -.* m above"),
-    ],
-    ids=[
-        "old",
-        "checksum",
-        "one line",
-        "two sets",
-        "no element set",
-        "no ASCII",
-        "no number",
-        "no motion",
-        "two craft",
-        "below ground",
-    ],
-)
+BOTH = with_checksums(LINES)
+BAD_ELEMENTS = {
+    "old": (BOTH, "2025-01-01", "is 279.5 days after the epoch of orbit.tle"),
+    "checksum": (BOTH.replace("51.6416", "51.6417"), DATE, "allowed: its checksum"),
+    "one line": (LINES.splitlines()[0], DATE, r"orbit\.tle has 1 lines; allowed: 2"),
+    "two sets": (f"{BOTH}\n{BOTH}", DATE, r"orbit\.tle has 4 lines; allowed: 2, or 3"),
+    "no element set": (BOTH.replace("\n2 ", "\n3 "), DATE, "allowed: 69 characters"),
+    "no ASCII": (BOTH.replace(".00016717", ".0001671²"), DATE, "allowed: 69 characters"),
+    **{
+        name: (with_checksums(LINES.replace(*changed)), DATE, reason)
+        for name, changed, reason in (
+            ("no number", ("51.6416", "  .    "), "not convert string to float"),
+            ("no motion", ("15.49815380", " 0.00000000"), "gives no orbit"),
+            ("two craft", ("2 25544", "2 25545"), "do not match"),
+            ("below ground", ("0006703", "0706703"), "perigee is -.* m above"),
+        )
+    },
+}
+
+
+@pytest.mark.parametrize(("lines", "epoch", "reason"), BAD_ELEMENTS.values(), ids=BAD_ELEMENTS)
 def test_bad_two_line_elements_are_refused(lines: str, epoch: str, reason: str) -> None:
     pytest.importorskip("sgp4.api")
     with pytest.raises(ValueError, match=reason):

@@ -276,6 +276,23 @@ def test_momentum_is_exchanged_and_never_made(seed: int) -> None:
     assert off < 1e-9 * np.linalg.norm(momenta[0])
 
 
+def mode(frequency: float, damping: float, coupling: float) -> dict[str, Any]:
+    """Parameters of one mode that swings about x."""
+    numbers = {"frequency": [frequency], "damping": [damping], "coupling": [coupling, 0.0, 0.0]}
+    return {f"flexible.{name}": value for name, value in numbers.items()}
+
+
+# 0.9 of the speed of wheels on a stand; three quarters of the craft turn back.
+HEAVY_WHEELS = {
+    "wheels.axes": np.eye(3).ravel().tolist(),
+    "wheels.inertia": [1.875],
+    **{f"wheels.{name}": [0.0] for name in ("coulomb", "static")},
+    "wheels.viscous": [168.75],
+    "wheels.max_torque": [1e6],
+    "inertia": (2.5 * np.eye(3)).ravel().tolist(),
+}
+
+
 @pytest.mark.parametrize(
     ("changed", "reason"),
     [
@@ -288,35 +305,11 @@ def test_momentum_is_exchanged_and_never_made(seed: int) -> None:
         ({"wheels.max_torque": [1e-3]}, "more than its largest friction"),
         ({"wheels.transition_speed": [1e-3]}, "by a larger wheels.transition_speed, or rate"),
         ({"wheels.inertia": [5.0]}, "more than that of the wheels"),
-        (  # 0.9 of the speed of wheels on a stand; three quarters of the craft turn back
-            {
-                "wheels.axes": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-                "wheels.inertia": [1.875],
-                "wheels.coulomb": [0.0],
-                "wheels.static": [0.0],
-                "wheels.viscous": [168.75],
-                "wheels.max_torque": [1e6],
-                "inertia": [2.5, 0.0, 0.0, 0.0, 2.5, 0.0, 0.0, 0.0, 2.5],
-            },
-            "friction takes 3.6 times the speed of such wheels on a craft of inertia",
-        ),
+        (HEAVY_WHEELS, "friction takes 3.6 times the speed of such wheels on a craft of inertia"),
         ({"flexible.frequency": [0.5]}, "as many of each"),
-        (
-            {
-                "flexible.frequency": [20.0],
-                "flexible.damping": [0.01],
-                "flexible.coupling": [0.1, 0.0, 0.0],
-            },
-            r"mode swings with 20 Hz; allowed at rate = 100 Hz: up to 4\.77",
-        ),
-        (  # from 2.785 times on Runge and Kutta's fourth order diverges
-            {
-                "flexible.frequency": [1.3],
-                "flexible.damping": [0.9],
-                "flexible.coupling": [1.6, 0.0, 0.0],
-            },
-            "takes 1.7. times the speed of a mode; allowed: at most 1",
-        ),
+        (mode(20.0, 0.01, 0.1), r"mode swings with 20 Hz; allowed at rate = 100 Hz: up to 4\.77"),
+        # From 2.785 times on Runge and Kutta's fourth order diverges.
+        (mode(1.3, 0.9, 1.6), "takes 1.7. times the speed of a mode; allowed: at most 1"),
     ],
 )
 def test_impossible_wheels_and_modes_are_refused(changed: dict[str, Any], reason: str) -> None:
