@@ -29,10 +29,6 @@ def fed(*stamps: int) -> list[StampKind]:
     return [guard.judge(stamp, 0.0) for stamp in stamps]
 
 
-def test_stamps_that_advance_are_new_and_equal_ones_repeated():
-    assert fed(0, PERIOD, PERIOD, 2 * PERIOD) == [NEW, NEW, REPEATED, NEW]
-
-
 def test_a_text_is_no_time():
     """One of a bag was copied a billion times before it was refused."""
     with pytest.raises(TypeError, match="can't multiply"):
@@ -46,14 +42,6 @@ def test_a_span_of_whole_steps_has_as_many_stamps_whatever_the_rate(rate: float)
         first, end = span(k / rate, (k % 7 + 1) / rate)
         acts = [j for j in range(k + 20) if first <= stamp_of(j, rate) < end]
         assert acts == [*range(k, k + k % 7 + 1)]
-
-
-def test_time_begins_again_at_zero():
-    assert fed(5 * PERIOD, 0, PERIOD)[1:] == [RESTART, NEW]
-
-
-def test_a_late_message_is_refused_and_changes_nothing():
-    assert fed(5 * PERIOD, 4 * PERIOD, 6 * PERIOD)[1:] == [STALE, NEW]
 
 
 @pytest.mark.parametrize("start", [3, 1_000_000 * NANOSECONDS], ids=["earlier", "far ahead"])
@@ -96,7 +84,7 @@ def test_three_that_agree_between_those_that_go_on_are_no_agreement() -> None:
 
 
 def test_one_message_from_the_future_does_not_stop_the_present():
-    future = 2_000_000_000 * NANOSECONDS
+    future = 2_000_000 * NANOSECONDS
     assert fed(future, 0, PERIOD, future, 2 * PERIOD) == [STALE, NEW, NEW, STALE, NEW]
 
 
@@ -106,7 +94,7 @@ def test_the_wall_clock_is_no_time_of_a_run() -> None:
     guard = StampGuard()
     assert {guard.judge(wall + k * PERIOD, 0.01 * k) for k in range(100)} == {STALE}
     assert "; allowed: up to 1e+08 s from the start of the run" in str(out_of_order("q", wall))
-    assert guard.judge(0, 1.0) is NEW
+    assert [guard.judge(stamp, 1.0) for stamp in (0, wall, 0)] == [NEW, STALE, REPEATED]
 
 
 def test_an_instant_is_complete_when_all_of_it_is_there_in_any_order():
