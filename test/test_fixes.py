@@ -117,12 +117,6 @@ def test_a_fix_has_its_age() -> None:
     assert parts["fix"] == (2.0, 10 * STEP * 1e-9)
 
 
-def test_a_repeated_sample_is_complete_at_once() -> None:
-    fixes = new()
-    joined(fixes, [("fix", 0, 1.0), *samples(5)])
-    assert joined(fixes, [("gyro", 4 * STEP, 0.0)]) == [(4 * STEP, 0.0, 0.0)]
-
-
 def test_a_fix_that_nobody_waits_for_is_not_spent_on_a_repeated_sample() -> None:
     """Its answer is that of the first one, without the fix."""
     fixes = of_the_first_second()

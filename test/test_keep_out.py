@@ -147,15 +147,6 @@ def test_way_out_is_the_smallest_turn() -> None:
     assert plan.angles[0] == pytest.approx(13.0 * DEGREE, abs=1e-9)
 
 
-def test_goal_that_is_nearer_than_any_stop_is_turned_to_directly() -> None:
-    record = cones([[0.0, 0.0, 1.0]], [28.6 * DEGREE])
-    start = (0.0, 0.0, 0.0, 1.0)
-    goal = Rotation.from_euler("x", 31.0, degrees=True).as_quat()
-    plan = planned(start, goal, record, np.array([[0.0, 0.0, 1.0]]))
-    assert plan.angles == pytest.approx([31.0 * DEGREE], abs=1e-9)
-    assert_leads_there(plan, start, goal, record, np.array([[0.0, 0.0, 1.0]]))
-
-
 def test_half_a_turn_goes_the_way_that_is_clear() -> None:
     record = cones([[0.0, 0.0, 1.0]], [30.0 * DEGREE])
     for side in (-1.0, 1.0):

@@ -39,19 +39,6 @@ def test_a_pace_that_is_slow_waits_for_the_clock_and_for_nobody() -> None:
     assert (level, COMMAND in text) == (STALE, True)
 
 
-def test_lockstep_steps_when_all_has_come_and_holds_what_came() -> None:
-    bench = Bench(Lockstep)
-    for step in range(50):
-        bench.give(COMMAND, (float(step), 0.0, 0.0))
-        assert len(bench.acted) == step
-        bench.give(DISTURBANCE, (0.0, float(step), 0.0))
-    assert bench.shown == steps(51)
-    assert bench.acted == [
-        (stamp, {COMMAND: (float(step), 0.0, 0.0), DISTURBANCE: (0.0, float(step), 0.0)})
-        for step, stamp in enumerate(steps(50))
-    ]
-
-
 def test_what_comes_one_instant_ahead_is_kept_for_it() -> None:
     bench = Bench(Lockstep)
     bench.give(DISTURBANCE, (0.0, 0.0, 0.0))
