@@ -17,6 +17,7 @@
 import shutil
 import sqlite3
 from collections.abc import Iterable, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -136,6 +137,13 @@ def unfinished(path: Path, storage: str, run: RunRecord) -> Path:
 def storage_file(path: Path) -> Path:
     (file,) = (file for file in path.iterdir() if file.suffix in (".mcap", ".db3"))
     return file
+
+
+@contextmanager
+def database_of(bag: Path) -> Iterator[sqlite3.Connection]:
+    """Open the database of a bag, in which each statement is a transaction."""
+    with closing(sqlite3.connect(storage_file(bag), isolation_level=None)) as database:
+        yield database
 
 
 def hot(

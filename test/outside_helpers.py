@@ -20,7 +20,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from process_helpers import PATIENCE
+from process_helpers import ran
 
 OUTSIDE = Path(__file__).parent / "outside"
 # Entry points of each kind.
@@ -59,15 +59,6 @@ def runs(folder: Path) -> Run:
     environment = package(folder)
 
     def run(*words: str, script: str = COMMAND, code: int = 0) -> subprocess.CompletedProcess[str]:
-        done = subprocess.run(
-            [sys.executable, "-c", script, *words],
-            env=environment,
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            timeout=PATIENCE,
-        )
-        assert done.returncode == code, done.stdout + done.stderr
-        return done
+        return ran([sys.executable, "-c", script, *words], code, env=environment, cwd=folder)
 
     return run

@@ -20,7 +20,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
@@ -56,6 +56,16 @@ def until(condition: Callable[[], Any], what: str, meanwhile: Callable[[], objec
         assert time.monotonic() < end, f"waited in vain for {what}"
         meanwhile()
     return result
+
+
+def ran(
+    command: list[str], code: int = 0, env: Mapping[str, str] | None = None, **popen: Any
+) -> subprocess.CompletedProcess[str]:
+    """Run a command to its end, with more in its environment, and see its exit code."""
+    given = {"text": True, "capture_output": True, "timeout": PATIENCE, "check": False, **popen}
+    done = subprocess.run(command, env={**os.environ, **(env or {})}, **given)
+    assert done.returncode == code, done.stdout + done.stderr
+    return done
 
 
 def niceness(pid: int) -> list[int]:

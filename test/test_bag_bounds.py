@@ -14,15 +14,12 @@
 
 """Bags and configurations that claim more than they hold cost no more than they hold."""
 
-import contextlib
 import itertools
 import json
 import math
 import re
 import shutil
-import sqlite3
 import struct
-import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -33,7 +30,8 @@ import lz4.frame
 import pytest
 import yaml
 import zstandard
-from bag_helpers import messages, record_all, storage_file
+from bag_helpers import database_of, messages, record_all, storage_file
+from process_helpers import ran
 from synthetic import SAMPLED, normal_run
 
 from ppc_attitude.bags.errors import BagError
@@ -117,7 +115,7 @@ def deep_metadata_in_mcap(bag: Path) -> None:
 
 def deep_metadata_in_sqlite(bag: Path) -> None:
     (bag / "metadata.yaml").unlink()
-    with contextlib.closing(sqlite3.connect(storage_file(bag))) as database, database:
+    with database_of(bag) as database:
         database.execute("UPDATE metadata SET metadata = ?", (f"custom_data: {DEEP}",))
 
 
@@ -155,7 +153,7 @@ def zstd_file(bag: Path) -> None:
 
 def shared_pages(bag: Path) -> None:
     """Let every branch of a table's tree lead to the same rows, whose payloads are large."""
-    with contextlib.closing(sqlite3.connect(storage_file(bag), isolation_level=None)) as database:
+    with database_of(bag) as database:
         database.execute("PRAGMA page_size=512")
         database.execute("VACUUM")
         database.execute("BEGIN")  # else every row is a transaction that waits for the disk
@@ -234,11 +232,8 @@ def test_memory_stays_below_the_stated_multiple_of_the_bag(tmp_path: Path) -> No
         file.write_text(content)
         given += [file, 256 * MIB]
         expected.append(f"refused; configuration file .* cannot be read as YAML: .*({message})")
-    done = subprocess.run(
-        [sys.executable, "-c", CHILD, good, *map(str, given)], capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    for line, message in zip(done.stdout.splitlines(), expected, strict=True):
+    told = ran([sys.executable, "-c", CHILD, str(good), *map(str, given)]).stdout.splitlines()
+    for line, message in zip(told, expected, strict=True):
         assert re.search(message, line), f"{line} is not {message}"
 
 
@@ -274,7 +269,7 @@ def long_parameter(bag: Path) -> None:
 
 
 def long_column(bag: Path) -> None:
-    with contextlib.closing(sqlite3.connect(storage_file(bag))) as database:
+    with database_of(bag) as database:
         database.execute(f"ALTER TABLE messages ADD COLUMN {LONG} DEFAULT 1")
 
 

@@ -29,6 +29,7 @@ from bag_helpers import (
     assert_prefix,
     assert_same,
     cut_copy,
+    database_of,
     messages,
     storage_file,
     unfinished,
@@ -121,7 +122,7 @@ def test_a_database_of_other_texts_is_refused(tmp_path: Path) -> None:
 )
 def test_a_row_that_is_none_is_named(tmp_path: Path, change: str, message: str) -> None:
     write_run(WHOLE, tmp_path / "bag", storage="sqlite3")
-    with contextlib.closing(sqlite3.connect(storage_file(tmp_path / "bag"))) as database, database:
+    with database_of(tmp_path / "bag") as database:
         database.execute(f"UPDATE {change}")
     with pytest.raises(BagError, match=message):
         raise BagError(read_run(tmp_path / "bag").warnings[0])

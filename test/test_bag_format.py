@@ -14,10 +14,8 @@
 
 """Our bags beside what rosbag2 of Jazzy writes and reads: metadata version 9, MCAP, SQLite."""
 
-import contextlib
 import json
 import os
-import sqlite3
 import sys
 from importlib.metadata import version
 from pathlib import Path
@@ -26,7 +24,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from bag_helpers import STORE, storage_file
+from bag_helpers import STORE, database_of, storage_file
 from mcap.reader import make_reader
 from packaging.specifiers import SpecifierSet
 from rosbags.rosbag2 import Reader
@@ -189,7 +187,7 @@ def test_an_mcap_file_says_alone_what_rosbag2_would_write_into_it(tmp_path: Path
 def test_a_sqlite_file_has_the_tables_of_rosbag2(tmp_path: Path) -> None:
     write_run(normal_run(duration=0.1), tmp_path / "bag", storage="sqlite3")
     outside, topics = information_of(tmp_path / "bag")
-    with contextlib.closing(sqlite3.connect(storage_file(tmp_path / "bag"))) as database:
+    with database_of(tmp_path / "bag") as database:
         assert database.execute("SELECT schema_version FROM schema").fetchall() == [(4,)]
         names = "name, type, serialization_format, offered_qos_profiles, type_description_hash"
         rows = database.execute(f"SELECT {names} FROM topics").fetchall()

@@ -14,10 +14,8 @@
 
 """Bags that strangers send: they read nothing but themselves, and delete and overwrite nothing."""
 
-import contextlib
 import os
 import shutil
-import sqlite3
 import struct
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,7 +23,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from bag_helpers import assert_same, hot, storage_file, unfinished
+from bag_helpers import assert_same, database_of, hot, storage_file, unfinished
 from conftest import Ask
 from matplotlib.figure import Figure
 from synthetic import normal_run
@@ -75,7 +73,7 @@ def test_what_is_undone_is_what_sqlite_would_undo(tmp_path: Path, change: str) -
     bag, journal = hot(tmp_path, RUN, change=change)
     theirs = tmp_path / "theirs"
     shutil.copytree(bag, theirs)
-    with contextlib.closing(sqlite3.connect(storage_file(theirs))) as database:
+    with database_of(theirs) as database:
         database.execute("SELECT count(*) FROM messages").fetchone()
     before = storage_file(bag).read_bytes()
     assert_same(read_run(bag), RUN)
@@ -151,7 +149,7 @@ def test_rows_that_do_not_lie_in_the_file_are_refused(
     tmp_path: Path, change: str, message: str
 ) -> None:
     write_run(RUN, tmp_path / "bag", storage="sqlite3")
-    with contextlib.closing(sqlite3.connect(storage_file(tmp_path / "bag"))) as database:
+    with database_of(tmp_path / "bag") as database:
         database.executescript(f"ALTER TABLE messages RENAME TO stored; {change};")
     with pytest.raises(BagError, match=f"cannot be read as a rosbag2 database: .*{message}"):
         read_run(tmp_path / "bag")

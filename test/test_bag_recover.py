@@ -14,9 +14,7 @@
 
 """Finishing bags that were cut."""
 
-import contextlib
 import shutil
-import sqlite3
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +24,7 @@ from bag_helpers import (
     assert_prefix,
     assert_same,
     cut_copy,
+    database_of,
     hot,
     storage_file,
     unfinished,
@@ -186,13 +185,13 @@ def test_messages_that_were_compressed_one_by_one_are_recovered(
 
 def test_a_topic_that_nobody_knows_hinders_only_with_messages(tmp_path: Path) -> None:
     bag = unfinished(tmp_path / "bag", "sqlite3", RUN)
-    with contextlib.closing(sqlite3.connect(storage_file(bag), isolation_level=None)) as database:
+    with database_of(bag) as database:
         row = "INSERT INTO topics SELECT 99, '/own', 'own_msgs/msg/Own', 'cdr', '', ''"
         database.execute(row)
     also = shutil.copytree(bag, tmp_path / "also")
     assert recover(bag).counts.total() == len(RUN.stamps_ns) * len(SAMPLED)
     assert_same(read_run(bag), RUN)
-    with contextlib.closing(sqlite3.connect(storage_file(also), isolation_level=None)) as database:
+    with database_of(also) as database:
         database.execute("INSERT INTO messages SELECT 999999, 99, 7, x'00010000'")
     with pytest.raises(
         BagError, match=r"'own_msgs/msg/Own', the type of /own, is no type of ROS 2 Jazzy"
@@ -202,22 +201,22 @@ def test_a_topic_that_nobody_knows_hinders_only_with_messages(tmp_path: Path) ->
 
 def test_a_row_that_is_none_leaves_the_database_as_it_is(tmp_path: Path) -> None:
     write_run(RUN, tmp_path / "bag", storage="sqlite3")
-    with contextlib.closing(sqlite3.connect(storage_file(tmp_path / "bag"))) as database, database:
+    with database_of(tmp_path / "bag") as database:
         for place, spoilt in enumerate(
             ("timestamp = 'x'", "timestamp = 1.5", "topic_id = 99", "topic_id = 'x'", "data = 'ö'")
         ):
             database.execute(f"UPDATE messages SET {spoilt} WHERE id = {1005 + place}")
     beside = recovered_beside(tmp_path / "bag")
-    with contextlib.closing(sqlite3.connect(storage_file(tmp_path / "bag"))) as database:
+    with database_of(tmp_path / "bag") as database:
         (whole,) = database.execute("SELECT count(*) FROM messages").fetchone()
-    with contextlib.closing(sqlite3.connect(storage_file(beside))) as database:
+    with database_of(beside) as database:
         (read,) = database.execute("SELECT count(*) FROM messages").fetchone()
     assert read == whole - 5
 
 
 def test_a_bag_with_a_topic_of_two_types_stays_as_it_is(tmp_path: Path) -> None:
     bag = unfinished(tmp_path / "bag", "sqlite3", RUN)
-    with contextlib.closing(sqlite3.connect(storage_file(bag))) as database, database:
+    with database_of(bag) as database:
         name = "SELECT name FROM topics WHERE type LIKE '%Wrench%'"
         database.execute(f"UPDATE topics SET name = ({name}) WHERE type LIKE '%Quaternion%'")
     assert recover(bag).folder != bag
@@ -278,7 +277,7 @@ def test_a_path_may_go_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path:
 )
 def test_profiles_that_are_none_are_named(tmp_path: Path, profiles: str, shown: str) -> None:
     bag = unfinished(tmp_path / "bag", "sqlite3", RUN)
-    with contextlib.closing(sqlite3.connect(storage_file(bag), isolation_level=None)) as database:
+    with database_of(bag) as database:
         database.execute("UPDATE topics SET offered_qos_profiles = ?", [profiles])
     with pytest.raises(BagError, match=rf"the QoS of /\w+ is {shown}, allowed is a list"):
         recover(bag)

@@ -15,19 +15,18 @@
 """The shell completes commands, options and their values."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from craft_helpers import ROOT
+from process_helpers import COMMAND, ran
 
 
 def completions(line: str, tmp_path: Path) -> list[str]:
     """What the shell is offered at the end of a command line."""
     answer = tmp_path / "completions"
     environment = {
-        **os.environ,
         "_ARGCOMPLETE": "1",
         "_ARGCOMPLETE_IFS": "\n",
         "_ARGCOMPLETE_SUPPRESS_SPACE": "1",
@@ -36,8 +35,7 @@ def completions(line: str, tmp_path: Path) -> list[str]:
         "COMP_POINT": str(len(line)),
         "COMP_TYPE": "9",
     }
-    command = [sys.executable, "-m", "ppc_attitude.command_line.main"]
-    subprocess.run(command, env=environment, check=True, capture_output=True)
+    ran(COMMAND, env=environment)
     return answer.read_text().split("\n")
 
 
@@ -57,17 +55,11 @@ def test_the_line_of_the_reference_switches_completion_on() -> None:
     page = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
     line = next(part for part in page.split("`") if "register-python-argcomplete" in part)
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    done = subprocess.run(
-        ["bash", "-c", f"{line} && complete -p ppc_attitude"],
-        env={**os.environ, "PATH": path},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = ran(["bash", "-c", f"{line} && complete -p ppc_attitude"], env={"PATH": path})
     assert "_python_argcomplete" in done.stdout
 
 
 def test_completion_is_announced_to_the_shell() -> None:
     """By what argcomplete's global hook asks of the module of an entry point."""
     look = [sys.executable, "-m", "argcomplete._check_module", "ppc_attitude.command_line.main"]
-    subprocess.run(look, check=True)
+    ran(look)

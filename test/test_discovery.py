@@ -24,7 +24,7 @@ from xml.etree import ElementTree
 
 import pytest
 import rclpy
-from process_helpers import COMMAND, PATIENCE, Process, Run, StartProcess
+from process_helpers import COMMAND, Process, Run, StartProcess, ran
 from rclpy.node import Node
 
 from ppc_attitude.command_line.main import main
@@ -272,16 +272,9 @@ ALONE_IN_THE_NET = ["unshare", "--net", "--map-root-user"]
 )
 @pytest.mark.parametrize("discovery", ["SUBNET", pytest.param("LOCALHOST", marks=long)])
 def test_a_host_whose_interfaces_are_all_down_is_told_at_once(discovery: str) -> None:
-    done = subprocess.run(
-        [*ALONE_IN_THE_NET, sys.executable, "-m", f"ppc_attitude.nodes.{RECORDER}"],
-        env={**os.environ, RANGE: discovery},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert done.stderr.startswith("error: the network interface lo (loopback) is down"), done.stderr
+    command = [*ALONE_IN_THE_NET, sys.executable, "-m", f"ppc_attitude.nodes.{RECORDER}"]
+    told = ran(command, 2, env={RANGE: discovery}).stderr
+    assert told.startswith("error: the network interface lo (loopback) is down"), told
 
 
 @pytest.mark.ros

@@ -16,7 +16,6 @@
 
 import argparse
 import json
-import os
 import re
 import shlex
 import signal
@@ -34,7 +33,7 @@ from campaign_helpers import compute_here
 from conftest import Ask, StartProcess
 from craft_helpers import ROOT
 from docs_helpers import ALL, EXAMPLES, PAGES, Command, blocks, commands, saved_files, table
-from process_helpers import PATIENCE
+from process_helpers import PATIENCE, ran
 
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.main import COMMANDS, main, parsers
@@ -69,8 +68,7 @@ def test_command_exists_with_its_arguments(command: Command) -> None:
     elif words[0] == "ros2":
         check_ros2(words[1:])
     elif words[0] == "make":
-        done = subprocess.run(["make", "--dry-run", words[1]], cwd=ROOT, capture_output=True)
-        assert done.returncode == 0
+        ran(["make", "--dry-run", words[1]], cwd=ROOT)
     elif words[:2] == ["python", "-m"]:
         assert find_spec(words[2]) is not None
         check_node_arguments(words[2].rpartition(".")[2], words[3:])
@@ -95,11 +93,8 @@ def test_commands_in_the_text_are_those_of_the_parser(page: Path) -> None:
 
 def test_make_run_is_the_papers_case() -> None:
     """Make may print its recipe wherever it stands; what it starts is the command of the README."""
-    shown = subprocess.run(
-        ["make", "--dry-run", "--always-make", "run"], cwd=ROOT, capture_output=True, text=True
-    )
-    assert shown.returncode == 0, shown.stderr
-    (line,) = re.findall(r"ppc_attitude (run .*)", shown.stdout)
+    shown = ran(["make", "--dry-run", "--always-make", "run"], cwd=ROOT).stdout
+    (line,) = re.findall(r"ppc_attitude (run .*)", shown)
     parsed = parsers()[0].parse_args(shlex.split(line.replace("$PWD", str(ROOT))))
     assert [str(path) for path in parsed.config] == ["config/paper.yaml"]
     assert parsed.report == ROOT / "build" / "paper.html"
@@ -237,15 +232,9 @@ def test_third_controller_is_one_file_and_one_line() -> None:
         "sys.exit(main(sys.argv[1:]))\n"
     )
     arguments = ["simulate", "--config", "config/paper.yaml", "--controller", "pd", "--json"]
-    done = subprocess.run(
-        [sys.executable, "-c", script, *arguments],
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(EXAMPLES)},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-    )
-    assert done.returncode == exits.REQUIREMENT_FAILED, done.stderr
+    command = [sys.executable, "-c", script, *arguments]
+    search = {"PYTHONPATH": str(EXAMPLES)}
+    done = ran(command, exits.REQUIREMENT_FAILED, env=search, cwd=ROOT)
     metrics = json.loads(done.stdout)["metrics"]
     text = (ROOT / "docs/tutorial.md").read_text(encoding="utf-8")
     said = re.search(

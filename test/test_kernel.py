@@ -16,7 +16,6 @@ import errno
 import os
 import re
 import shutil
-import subprocess
 import sys
 import threading
 from collections import namedtuple
@@ -33,6 +32,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numba.core import caching, config
+from process_helpers import ran
 
 from ppc_attitude.processes.imports import drop_empty_entries
 from ppc_attitude.science import kernel
@@ -108,9 +108,7 @@ def test_threads_that_compile_leave_numbas_setting_as_it_was() -> None:
 
 
 def printed(code: str, folder: Path, **environment: str) -> str:
-    command = [sys.executable, "-c", code]
-    surroundings = {**os.environ, **environment}
-    return subprocess.check_output(command, cwd=folder, env=surroundings, text=True)
+    return ran([sys.executable, "-c", code], env=environment, cwd=folder).stdout
 
 
 # Executes code once for each text of a file, in copies of a process that has loaded a compiler.
@@ -131,9 +129,7 @@ for text in texts:
 
 def printed_of(code: str, file: Path, *texts: str, folder: Path, **environment: str) -> list[str]:
     command = [sys.executable, "-c", ANEW, code, str(file), *texts]
-    surroundings = {**os.environ, **environment}
-    told = subprocess.check_output(command, cwd=folder, env=surroundings, text=True)
-    return told.split("|")[:-1]
+    return ran(command, env=environment, cwd=folder).stdout.split("|")[:-1]
 
 
 @pytest.mark.parametrize(
@@ -280,14 +276,10 @@ def test_kernels_that_have_no_place_are_refused_with_the_way_out(tmp_path: Path,
         each.write_text("a folder cannot be made here, not even by root")
     homes = dict.fromkeys(("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"), str(blocked))
     search = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
-    environment = {**os.environ, **homes, "PYTHONPATH": search}
-    command = [sys.executable, "-c", code]
-    ended = subprocess.run(
-        command, cwd=tmp_path, env=environment, text=True, capture_output=True, check=False
-    )
-    assert ended.returncode == 2, ended.stderr
-    assert f"compiled kernels cannot be saved: neither {blocked}" in ended.stderr
-    assert ended.stderr.endswith("set NUMBA_CACHE_DIR to one that can\n")
+    environment = {**homes, "PYTHONPATH": search}
+    told = ran([sys.executable, "-c", code], 2, env=environment, cwd=tmp_path).stderr
+    assert f"compiled kernels cannot be saved: neither {blocked}" in told
+    assert told.endswith("set NUMBA_CACHE_DIR to one that can\n")
 
 
 @pytest.mark.parametrize("ending", ["nbi", "nbc"])  # of the index, and of the machine code

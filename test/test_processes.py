@@ -17,7 +17,6 @@
 import json
 import os
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -25,7 +24,7 @@ from typing import Any
 
 import pytest
 from conftest import StartProcess
-from process_helpers import PAPER, PATIENCE, pause, until
+from process_helpers import PAPER, PATIENCE, pause, ran, until
 
 import ppc_attitude.processes.child
 from ppc_attitude.bags.reader import read_run
@@ -99,8 +98,7 @@ def test_a_compiler_looks_for_no_settings_in_the_current_folder(tmp_path: Path) 
     )
     command = [sys.executable, "-c", "; ".join(lines)]
     (tmp_path / ".numba_config.yaml").write_text("cache_dir: elsewhere")
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert "elsewhere" not in done.stdout
+    assert "elsewhere" not in ran(command, cwd=tmp_path).stdout
 
 
 BY_NAME = [sys.executable, "-m", "ppc_attitude.command_line.main"]
@@ -394,7 +392,4 @@ sys.exit(running.run_node(Held, ["node"]))
 
 @pytest.mark.ros
 def test_a_node_that_its_middleware_does_not_let_go_ends_all_the_same() -> None:
-    command = [sys.executable, "-c", HELD]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
-    assert done.returncode == 3, done.stderr
-    assert "in destroy_node" in done.stderr
+    assert "in destroy_node" in ran([sys.executable, "-c", HELD], 3).stderr

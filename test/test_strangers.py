@@ -16,7 +16,6 @@
 
 import re
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -26,7 +25,7 @@ from typing import Any
 import pytest
 from conftest import StartProcess
 from peer import node_apart, peer
-from process_helpers import PAPER, Node, Run, pace
+from process_helpers import PAPER, Node, Run, pace, ran
 from rclpy.duration import Duration
 from rclpy.qos import HistoryPolicy, QoSProfile
 
@@ -211,7 +210,4 @@ def test_a_working_recorder_has_loaded_no_law_no_reader_and_no_compiler(tmp_path
         "unneeded = ('numba', 'ppc_attitude.bags.folder', 'ppc_attitude.bags.source')\n"
         "print(sorted(m for m in sys.modules if m in unneeded or '.controllers' in m))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    assert done.stdout == "[]\n"
+    assert ran([sys.executable, "-c", script], cwd=tmp_path).stdout == "[]\n"

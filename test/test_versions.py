@@ -14,10 +14,9 @@
 
 """What a run was made with."""
 
-import subprocess
-
 import pytest
 from craft_helpers import ROOT
+from process_helpers import ran
 
 from ppc_attitude.contract.versions import versions
 
@@ -26,5 +25,5 @@ def test_the_git_revision_is_that_of_the_checkout() -> None:
     if not (ROOT / ".git").exists():
         pytest.skip("no checkout of git")
     asked = ["git", "-C", str(ROOT), "rev-parse", "HEAD"]
-    revision = subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip()
+    revision = ran(asked).stdout.strip()
     assert versions()["git_revision"].removesuffix("-dirty").endswith(revision)
