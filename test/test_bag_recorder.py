@@ -68,6 +68,22 @@ def recorder_into(bag: Path, *parameters: str) -> Iterator[Beside]:
         beside.close()
 
 
+def answer(beside: Beside, node: rclpy.node.Node, capfd: pytest.CaptureFixture[str]) -> None:
+    """Let a node live until the recorder says that it has its parameters."""
+    said = ""
+
+    def has_answered() -> bool:
+        nonlocal said
+        beside.node.wake()
+        said += capfd.readouterr().err
+        return f"/{node.get_name()} are on record" in said
+
+    beside.executor.add_node(node)
+    beside.until(has_answered)
+    beside.executor.remove_node(node)
+    node.destroy_node()
+
+
 def test_what_one_run_sends_at_best_effort_is_recorded_as_of_that_run(tmp_path: Path) -> None:
     """Every full name begins with the home of the run that has no namespace."""
     bag, step = tmp_path / "bag", 0
@@ -144,16 +160,9 @@ def test_a_node_that_is_started_again_is_asked_again(
     It begins anew, which is told as that it is enabled: a controller may have been disabled. That
     is so from the first that it sends on, whenever it answers.
     """
-    bag, asked, said = tmp_path / "bag", 0, ""
+    bag = tmp_path / "bag"
     with recorder_into(bag) as beside:
-
-        def has_answered() -> bool:
-            nonlocal said
-            beside.node.wake()
-            said += capfd.readouterr().err
-            return said.count(f"/{REFERENCE} are on record") == asked
-
-        for k in (1.0, 2.0, 3.0, 3.0):
+        for asked, k in enumerate((1.0, 2.0, 3.0, 3.0)):
             node = rclpy.create_node(REFERENCE)
             if k == 3.0:  # the run has begun
                 sent = publisher_of(node, REFERENCE_ATTITUDE)
@@ -163,11 +172,7 @@ def test_a_node_that_is_started_again_is_asked_again(
                     sent.publish(Codec(REFERENCE_ATTITUDE).encode(stamp_of(step, 100.0), UNIT))
             own = ("key", [b"\x01", b"\xff"])  # JSON knows no bytes
             node.declare_parameters("", [("k", k), own])
-            beside.executor.add_node(node)
-            asked += 1
-            beside.until(has_answered)
-            beside.executor.remove_node(node)
-            node.destroy_node()
+            answer(beside, node, capfd)
     record = read_run(bag)
     theirs = record.parameters[REFERENCE]
     assert (theirs["k"], theirs["key"]) == (2.0, [1, 255])
@@ -221,15 +226,8 @@ def test_a_plant_that_is_started_again_has_its_own_parameters_from_the_first_sta
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """With it time begins again, at another rate, before it has told its parameters."""
-    bag, said = tmp_path / "bag", ""
+    bag = tmp_path / "bag"
     with recorder_into(bag) as beside:
-
-        def has_answered() -> bool:
-            nonlocal said
-            beside.node.wake()
-            said += capfd.readouterr().err
-            return said.count(f"/{PLANT} are on record") == (1 if rate == 100.0 else 2)
-
         for rate in (100.0, 50.0):
             node = rclpy.create_node(PLANT)
             node.declare_parameters("", [("rate", rate), ("duration", 149.0 / rate)])
@@ -237,10 +235,7 @@ def test_a_plant_that_is_started_again_has_its_own_parameters_from_the_first_sta
             beside.until(states.get_subscription_count)
             for step in range(150):
                 states.publish(Codec(ATTITUDE).encode(stamp_of(step, rate), UNIT))
-            beside.executor.add_node(node)
-            beside.until(has_answered)
-            beside.executor.remove_node(node)
-            node.destroy_node()
+            answer(beside, node, capfd)
     record = read_run(bag)
     assert (record.parameters[PLANT]["rate"], record.changes) == (50.0, ())
     assert record.stamps_ns.tolist() == [stamp_of(step, 50.0) for step in range(150)]

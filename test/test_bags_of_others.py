@@ -281,20 +281,20 @@ def test_a_clock_that_jitters_has_the_gaps_that_are_there(tmp_path: Path) -> Non
     stamps = RUN.stamps_ns + random.normal(scale=3e5, size=len(RUN.t)).astype(np.int64)
     stamps[10:90:16] += random.integers(6_000_000, 9_000_000, 5)
     kept = np.r_[0:40, 70:95, 96:101]
-    columns = {"attitude": RUN["attitude"][kept]}
-    run = replace(RUN, stamps_ns=stamps[kept], columns=columns, parameters={})
-    write_run(run, tmp_path / "bag")
-    read = read_run(tmp_path / "bag")
+    read = read_with(tmp_path / "bag", stamps[kept], RUN["attitude"][kept])
     assert read.missing == {"attitude": 31}
     assert np.isin(stamps[kept], read.stamps_ns).all()
 
 
+def read_with(bag: Path, stamps: np.ndarray, attitude: np.ndarray) -> RunRecord:
+    run = replace(RUN, stamps_ns=stamps, columns={"attitude": attitude}, parameters={})
+    write_run(run, bag)
+    return read_run(bag)
+
+
 def test_a_plant_in_any_rhythm_has_no_gaps(tmp_path: Path) -> None:
     stamps = 10_000_000 * np.cumsum([0, *[1, 3, 1, 3, 1] * 20])
-    columns = {"attitude": RUN["attitude"]}
-    run = replace(RUN, stamps_ns=stamps, columns=columns, parameters={})
-    write_run(run, tmp_path / "bag")
-    read = read_run(tmp_path / "bag")
+    read = read_with(tmp_path / "bag", stamps, RUN["attitude"])
     np.testing.assert_array_equal(read.stamps_ns, stamps)
     assert read.missing == {}
     assert "nobody knows whether messages are missing" in read.warnings[0]
@@ -302,10 +302,7 @@ def test_a_plant_in_any_rhythm_has_no_gaps(tmp_path: Path) -> None:
 
 def test_a_plant_in_any_rhythm_may_have_a_break(tmp_path: Path) -> None:
     stamps = 10_000_000 * np.cumsum([0, *[1, 3, 1, 3, 1] * 10, 31, *[3, 1, 3, 1] * 12, 1])
-    columns = {"attitude": RUN["attitude"]}
-    run = replace(RUN, stamps_ns=stamps, columns=columns, parameters={})
-    write_run(run, tmp_path / "bag")
-    read = read_run(tmp_path / "bag")
+    read = read_with(tmp_path / "bag", stamps, RUN["attitude"])
     assert read.missing == {"attitude": 1}
     assert np.flatnonzero(np.isnan(read["attitude"][:, 0])).tolist() == [51]
     assert read.stamps_ns[50:53].tolist() == [stamps[50], stamps[50] + 30_000_000, stamps[51]]

@@ -115,6 +115,10 @@ def row_of(column: str) -> tuple[float, ...]:
     return tuple(k - 3.5 for k in range(USES[column][1]))
 
 
+def lists_of(column: str) -> list[list[float]]:
+    return [list(row_of(column)) if place == USES[column][2] else [] for place in range(3)]
+
+
 def joint_state(frame: str, names: list[str], *lists: list[float], little: bool = True) -> bytes:
     state = TYPES["sensor_msgs/msg/JointState"]
     return serialised(state(header(12_000_000_345, frame), names, *map(np.array, lists)), little)
@@ -122,9 +126,8 @@ def joint_state(frame: str, names: list[str], *lists: list[float], little: bool 
 
 @COLUMNS
 def test_a_number_for_each_part_is_a_joint_state(column: str) -> None:
-    topic, (part, count, place) = BY_COLUMN[column], USES[column]
-    lists: list[list[float]] = [[], [], []]
-    lists[place] = list(row_of(column))
+    topic, (part, count, _) = BY_COLUMN[column], USES[column]
+    lists = lists_of(column)
     expected = joint_state(topic.frame_id, [f"{part}_{k}" for k in range(count)], *lists)
     assert Codec(topic).encode(12_000_000_345, row_of(column)) == expected
     assert Codec(topic).decode(expected).values == row_of(column)
@@ -157,9 +160,8 @@ def test_the_joint_states_of_others_are_read(column: str, little: bool) -> None:
 @pytest.mark.parametrize("little", [True, False])
 def test_joints_in_another_order_are_refused(column: str, little: bool) -> None:
     """They are told apart by their places: the numbers would be those of other wheels."""
-    codec, (part, count, place) = Codec(BY_COLUMN[column]), USES[column]
-    lists: list[list[float]] = [[], [], []]
-    lists[place] = list(row_of(column))
+    codec, (part, count, _) = Codec(BY_COLUMN[column]), USES[column]
+    lists = lists_of(column)
     names = [f"{part}_{k}" for k in range(count)]
     ours = joint_state("body", names, *lists, little=little)
     assert codec.decode(ours).values == row_of(column)
@@ -171,9 +173,8 @@ def test_joints_in_another_order_are_refused(column: str, little: bool) -> None:
 @COLUMNS
 @pytest.mark.parametrize("little", [True, False])
 def test_what_is_no_joint_state_of_all_parts_is_refused(column: str, little: bool) -> None:
-    codec, (part, count, place) = Codec(BY_COLUMN[column]), USES[column]
-    lists: list[list[float]] = [[], [], []]
-    lists[place] = list(row_of(column))
+    codec, (part, count, _) = Codec(BY_COLUMN[column]), USES[column]
+    lists = lists_of(column)
     whole = joint_state("body", [part] * count, *lists, little=little)
     for length in range(len(whole) - 4):
         with pytest.raises(CdrError):
