@@ -95,21 +95,29 @@ class Envelope:
                 f"|q_ev,i| < {accuracy:g} is never guaranteed: the tube leads to "
                 f"z̄/(2k) = {self.terminal():.3g}"
             )
-        told, law, pi = self.told(rate), self._law, self._arithmetic.pi
-        lead, e_A = self._assumed.lead, self._assumed.e_A
-        if not told <= law.omega0:
+        told = self.told(rate)
+        if not told <= self._law.omega0:
             raise ValueError(
                 f"a rate error of {rate:g} rad/s may, with its estimation error, be larger than "
-                f"omega0 = {float(law.omega0):g} rad/s"
+                f"omega0 = {float(self._law.omega0):g} rad/s"
             )
+        return self._from_event(self._arithmetic.number(turn), told, accuracy)
+
+    def _from_event(
+        self, phi: Number, rate: Number, accuracy: float, stop: Number | None = None
+    ) -> float:
+        """Time [s] from an event at most φ [rad] away, at a rate [rad/s] as the law is told it.
+
+        The length of a stop [s] that keeps no useful speed may be known.
+        """
+        law, pi, lead, e_A = self._law, self._arithmetic.pi, self._assumed.lead, self._assumed.e_A
         # Only an error that is told to be nearly half a turn may be turned the other way round.
-        phi = self._arithmetic.number(turn)
         phi = phi if phi + e_A < pi - lead else pi + lead
-        if not told <= law.w_far or phi + e_A < law.far:
+        if not rate <= law.w_far or phi + e_A < law.far:
             # It covers starts that cruise: from the same turn they are no later, because σ ≥ r V.
-            return self.near_time(phi, told, accuracy)
-        near = self.near_time(law.far, told, accuracy)
-        return max(self.far_time(phi, told, accuracy), near)
+            return self.near_time(phi, rate, accuracy, stop)
+        near = self.near_time(law.far, rate, accuracy)
+        return max(self.far_time(phi, rate, accuracy), near)
 
     def near_time(
         self, phi: Number, rate: Number, accuracy: float, stop: Number | None = None
@@ -204,13 +212,10 @@ class Envelope:
                     f"{float(law.omega0):g} rad/s"
                 )
         phi = law.z_bar / law.k + number(rate) * time
-        if phi + assumed.e_A < law.far or rate > law.w_far:
-            # The momentum is known by axis, which ends the stop sooner than the rate alone would.
-            left = (law.B[i] - feedforward[i] - bounds.torque_noise[i] for i in range(3))
-            stop = most(*(momentum / torque for momentum, torque in zip(gained, left, strict=True)))
-            rest = self.near_time(phi, rate, accuracy, stop)
-        else:
-            rest = self.settling(rate, accuracy)
+        # The momentum is known by axis, which ends the stop sooner than the rate alone would.
+        left = (law.B[i] - feedforward[i] - bounds.torque_noise[i] for i in range(3))
+        stop = most(*(momentum / torque for momentum, torque in zip(gained, left, strict=True)))
+        rest = self._from_event(phi, number(rate), accuracy, stop)
         return self._arithmetic.outward(time + number(rest))[1]
 
     def speed_above(self, phi: Number, cap: Number, a: Number, offset: Number) -> Number:
