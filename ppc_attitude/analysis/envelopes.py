@@ -33,13 +33,7 @@ from ppc_attitude.contract.run_record import Array, RunRecord
 
 @dataclass(frozen=True)
 class Envelope:
-    """An error and what bounds the magnitude of its first three numbers.
-
-    Attributes
-    ----------
-    error, bound : str
-        Columns of the record.
-    """
+    """The columns of an error and of what bounds the magnitude of its first three numbers."""
 
     error: str
     bound: str

@@ -28,15 +28,7 @@ from ppc_attitude.science.stamps import seconds
 
 
 class Acting(NamedTuple):
-    """A fault as it acted.
-
-    Attributes
-    ----------
-    text : str
-        What failed, and how.
-    start_s, end_s : float
-        From when to when, since the first instant of the record [s].
-    """
+    """A fault as it acted: what failed and how, from when to when in the time of the run."""
 
     text: str
     start_s: float

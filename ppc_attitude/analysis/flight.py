@@ -43,48 +43,32 @@ _SAMPLES = 1500  # of the goal and the cones over a run
 
 
 class Leg(NamedTuple):
-    """Part of the way to a goal: from when, until when [s], and whether it is a plain turn."""
+    """Part of the way to a goal."""
 
-    begin: float
-    end: float
-    turns: bool
+    begin: float  # [s]
+    end: float  # [s]
+    turns: bool  # a plain turn
 
 
 class Word(NamedTuple):
-    """A report of the guidance: when [s], its text, whether it is a warning, the planned way."""
+    """A report of the guidance."""
 
-    time: float
+    time: float  # [s]
     text: str
     warning: bool
-    legs: tuple[Leg, ...]
+    legs: tuple[Leg, ...]  # the planned way
 
 
 @dataclass(frozen=True)
 class Flight:
-    """The guidance of a run at some of its instants.
+    """The guidance of a run at m of its instants."""
 
-    Attributes
-    ----------
-    picked : ndarray of int, shape (m,)
-        Indices of the instants.
-    goals : ndarray, shape (m, 4)
-        Inertial attitude of the goal, x y z w.
-    cones : tuple of tuples of Cone
-        The keep-out cones at each; in flight some may come, or go.
-    names : tuple of str
-        What each cone is about, at the instant that has the most of them.
-    words : tuple of Word
-        What was said of orders, and warned of.
-    limits : ndarray, shape (m, 2)
-        Limits of a slew [rad/s], [rad/s²] at each.
-    """
-
-    picked: NDArray[np.int64]
-    goals: Array
-    cones: tuple[tuple[Cone, ...], ...]
-    names: tuple[str, ...]
-    words: tuple[Word, ...]
-    limits: Array
+    picked: NDArray[np.int64]  # indices of the instants, shape (m,)
+    goals: Array  # inertial attitude of the goal, x y z w, shape (m, 4)
+    cones: tuple[tuple[Cone, ...], ...]  # the keep-out cones at each; in flight some come, or go
+    names: tuple[str, ...]  # what each cone is about, at the instant that has the most of them
+    words: tuple[Word, ...]  # what was said of orders, and warned of
+    limits: Array  # limits of a slew [rad/s], [rad/s²] at each, shape (m, 2)
 
 
 def flight_of(record: RunRecord) -> Flight | None:

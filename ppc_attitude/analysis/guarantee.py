@@ -93,21 +93,11 @@ _MOTION = ("W", "W1", "W2")  # bounds of ‖ω_d‖, ‖ω_d'‖ and ‖ω_d''�
 
 @dataclass(frozen=True)
 class Held:
-    """The fate of a certificate during a run.
+    """The fate of a certificate during a run."""
 
-    Attributes
-    ----------
-    outside : ndarray of bool, shape (n,)
-        Instants outside the promised bounds although the assumptions held.
-    reason : str
-        Why nothing is promised; empty if something is.
-    note : str
-        Why the promise was suspended, and for how long; empty if it was not.
-    """
-
-    outside: Mask
-    reason: str
-    note: str
+    outside: Mask  # outside the promised bounds although the assumptions held, shape (n,)
+    reason: str  # why nothing is promised; empty if something is
+    note: str  # why the promise was suspended, and for how long; empty if it was not
 
 
 def certificate_held(record: RunRecord) -> Held | None:

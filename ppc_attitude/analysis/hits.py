@@ -31,42 +31,19 @@ from ppc_attitude.science.signals import ENVIRONMENT_TORQUE
 
 
 class SweptHit(NamedTuple):
-    """A hit of a sweep, and the recovery from it.
-
-    Attributes
-    ----------
-    duration_s : float
-        How long it lasts, positive.
-    recovery_time_s : float or None
-        None if the run did not recover.
-    outside : mapping of Envelope to float
-        Time outside each envelope that the run has [s].
-    settled : bool
-        True if the run had settled when it came.
-    """
+    """A hit of a sweep, and the recovery from it."""
 
     duration_s: float
-    recovery_time_s: float | None
-    outside: Mapping[Envelope, float]
-    settled: bool
+    recovery_time_s: float | None  # None if the run did not recover
+    outside: Mapping[Envelope, float]  # time outside each envelope that the run has [s]
+    settled: bool  # whether the run had settled when it came
 
 
 def pulses_of(record: RunRecord, actuator: float) -> tuple[Pulse, ...]:
     """Find the sudden disturbances of a run; none if its external torque is not on record.
 
-    Those that are scheduled count even if they are too small to be told from an environment.
-
-    Parameters
-    ----------
-    record : RunRecord
-        The run.
-    actuator : float
-        Torque that the actuator gives on an axis [N·m].
-
-    Returns
-    -------
-    tuple of Pulse
-        By start, then by end.
+    Those that are scheduled count even if they are too small to be told from an environment, for
+    which the torque that the actuator gives on an axis [N·m] is the measure. By start, then by end.
     """
     if not has(record, DISTURBANCE.column):
         return ()

@@ -39,19 +39,11 @@ from ppc_attitude.science.references import goal
 
 
 class Approach(NamedTuple):
-    """The nearest that a body axis came to the direction of its cone.
+    """The nearest that a body axis came to the direction of its cone."""
 
-    Attributes
-    ----------
-    direction : str
-        What the cone is about.
-    angle, half_angle : float
-        The smallest angle reached, and the smallest allowed [rad].
-    """
-
-    direction: str
-    angle: float
-    half_angle: float
+    direction: str  # what the cone is about
+    angle: float  # the smallest reached [rad]
+    half_angle: float  # the smallest allowed [rad]
 
 
 def guidance_values(record: RunRecord) -> dict[str, Any] | None:

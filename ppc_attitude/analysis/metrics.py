@@ -98,19 +98,9 @@ NOISE_EXPLAINS = 8.0
 
 
 class Verdict(Measured):
-    """One run, judged: its `requirements`, and the numbers behind them.
+    """One run, judged: the numbers of its record, and the requirements that apply to it.
 
-    Parameters
-    ----------
-    record : RunRecord
-        The run; what it lacks is not judged.
-    required : Requirements
-        What it is judged by; the paper's by default.
-
-    Attributes
-    ----------
-    requirements : tuple of Requirement
-        Those that apply to this run; the module's text says which apply when.
+    What the record lacks is not judged; the module's text says which requirement applies when.
 
     Raises
     ------

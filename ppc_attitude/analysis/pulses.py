@@ -59,21 +59,11 @@ _Found = tuple[int, int, tuple[float, float, float]]
 
 @dataclass(frozen=True)
 class Pulse:
-    """A stretch of constant extra torque.
+    """A stretch of constant extra torque."""
 
-    Attributes
-    ----------
-    start_s : float
-        When it starts, in the time given [s].
-    duration_s : float
-        How long it acts [s]; up to the end of the record if it has not ended by then.
-    torque : tuple of 3 float
-        The torque without the environment's, body axes [N·m].
-    """
-
-    start_s: float
-    duration_s: float
-    torque: tuple[float, float, float]
+    start_s: float  # in the time given
+    duration_s: float  # up to the end of the record if it has not ended by then
+    torque: tuple[float, float, float]  # without the environment's, body axes [N·m]
 
 
 def find_pulses(

@@ -36,18 +36,10 @@ DEGREES = "deg"
 
 @dataclass(frozen=True)
 class Accuracy:
-    """A limit on an attitude error.
+    """A limit on an attitude error."""
 
-    Attributes
-    ----------
-    limit : float
-        What the error must stay below.
-    unit : str
-        Empty if max_i |q_ev,i| is meant, ``deg`` if the angle of the rotation is.
-    """
-
-    limit: float
-    unit: str = ""
+    limit: float  # what the error must stay below
+    unit: str = ""  # empty if max_i |q_ev,i| is meant, `deg` if the angle of the rotation is
 
     @property
     def component(self) -> float:
@@ -71,45 +63,23 @@ def component_size(rows: Array) -> Array:
 
 @dataclass(frozen=True)
 class Requirements:
-    """The requirements that a run is judged by; the defaults are the paper's.
+    """The requirements that a run is judged by; the defaults are the paper's."""
 
-    Attributes
-    ----------
-    settled : Accuracy
-        The attitude has settled while its error is below.
-    settling_deadline : float
-        When it must have settled, and how long after a hit the terminal accuracy may take [s].
-    terminal : Accuracy or None
-        What the error must stay below at the end.
-    terminal_window : float
-        How long the end is [s].
-    rate : float or None
-        What ‖ω_s‖ may reach before the first sudden disturbance [deg/s].
-    torque : float, "actuator" or None
-        What the applied torque may reach on an axis [N·m]; ``actuator``: the plant's own limit.
-    recovery : float
-        How long the recovery from a sudden disturbance may take [s].
-    outside_after_hit : float or None
-        How long a sudden disturbance may put a rate error outside its envelope [s].
-    momentum : float or None
-        What the momentum of the wheels together may reach [N·m·s].
-    knowledge : Accuracy or None
-        How far what the controller is told may be from the truth.
-    limits : mapping of str to float
-        Column of the record (``wheel_torque``) to what each of its numbers may reach.
-    """
-
-    settled: Accuracy = Accuracy(5e-3)
+    settled: Accuracy = Accuracy(5e-3)  # the attitude has settled while its error is below
     settling_deadline: float = 60.0
-    terminal: Accuracy | None = Accuracy(5e-4)
-    terminal_window: float = 20.0
-    rate: float | None = 3.0
+    """When it must have settled, and how long after a hit the terminal accuracy may take [s]."""
+    terminal: Accuracy | None = Accuracy(5e-4)  # what the error must stay below at the end
+    terminal_window: float = 20.0  # how long the end is [s]
+    rate: float | None = 3.0  # largest ‖ω_s‖ before the first sudden disturbance [deg/s]
     torque: float | str | None = ACTUATOR
-    recovery: float = 10.0
+    """Largest applied torque on an axis [N·m]; `ACTUATOR`: the plant's own limit."""
+    recovery: float = 10.0  # longest recovery from a sudden disturbance [s]
     outside_after_hit: float | None = 0.5
-    momentum: float | None = None
-    knowledge: Accuracy | None = None
+    """How long a sudden disturbance may put a rate error outside its envelope [s]."""
+    momentum: float | None = None  # largest momentum of the wheels together [N·m·s]
+    knowledge: Accuracy | None = None  # how far what the controller is told may be from the truth
     limits: Mapping[str, float] = field(default_factory=dict)
+    """Column of the record, such as `wheel_torque`, to what each of its numbers may reach."""
 
     def to_json(self) -> dict[str, Any]:
         """As in a requirements file."""

@@ -53,15 +53,9 @@ STANDING = {
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of one kind.
+    """Errors of one kind: base⁻¹ ⊗ attitude at each instant, NaN where it is not known."""
 
-    Attributes
-    ----------
-    quaternions : ndarray, shape (n, 4)
-        base⁻¹ ⊗ attitude at each instant, x y z w; NaN where it is not known.
-    """
-
-    quaternions: Array
+    quaternions: Array  # shape (n, 4), x y z w
 
     @cached_property
     def angles(self) -> Array:
@@ -82,19 +76,11 @@ class Errors:
 
 @dataclass(frozen=True)
 class Truth:
-    """Where the truth of a record is.
+    """Where the truth of a record is."""
 
-    Attributes
-    ----------
-    attitude, angular_velocity : str
-        Columns.
-    standing : str
-        A key of `STANDING`.
-    """
-
-    attitude: str
-    angular_velocity: str
-    standing: str
+    attitude: str  # column
+    angular_velocity: str  # column
+    standing: str  # a key of `STANDING`
 
 
 @once

@@ -23,46 +23,23 @@ from ppc_attitude.analysis.pulses import Pulse
 MET, NOT_MET, NOT_JUDGED = "met", "NOT MET", "not judged"
 
 Span = tuple[float, float]
+"""A part of a run, from and to [s]."""
 
 
 @dataclass(frozen=True)
 class Requirement:
-    """One requirement and how it came out.
+    """One requirement and how it came out."""
 
-    Attributes
-    ----------
-    key : str
-        What it is for programs.
-    name : str
-        What is required.
-    value : float or None
-        What the run reached; None if there is no such number.
-    limit : float
-        What the value may reach.
-    unit : str
-        Unit of both; empty for a number of things.
-    met : bool or None
-        None if the run could not be judged by it.
-    span : (float, float) or None
-        The part of the run that was judged, from and to [s]; None if nothing was.
-    strict : bool
-        True if the value must stay below the limit, False if it may equal it.
-    reason : str
-        Why it is not judged, or what a reader must know of the value.
-    without : tuple of (float, float)
-        Parts of the span that were left out [s].
-    """
-
-    key: str
-    name: str
-    value: float | None
-    limit: float
-    unit: str
-    met: bool | None
-    span: Span | None
-    strict: bool = False
-    reason: str = ""
-    without: tuple[Span, ...] = ()
+    key: str  # what it is for programs
+    name: str  # what is required
+    value: float | None  # what the run reached; None if there is no such number
+    limit: float  # what the value may reach
+    unit: str  # of both; empty for a number of things
+    met: bool | None  # None if the run could not be judged by it
+    span: Span | None  # the part of the run that was judged; None if nothing was
+    strict: bool = False  # the value must stay below the limit, and may not equal it
+    reason: str = ""  # why it is not judged, or what a reader must know of the value
+    without: tuple[Span, ...] = ()  # parts of the span that were left out
 
     @property
     def outcome(self) -> str:
@@ -109,20 +86,13 @@ class Requirement:
 
 @dataclass(frozen=True)
 class Disturbance(Pulse):
-    """One sudden disturbance and the recovery from it.
-
-    Attributes
-    ----------
-    recovery_time_s : float or None
-        From its start to the last instant, before the next one or the end, at which the attitude
-        error is not settled; 0 if it always is, for the time allowed at least where the record
-        ends; None if the record shows no recovery.
-    judged_by : str
-        What judges it: recovery, or, before the settling deadline, the envelope if there is one.
-    """
+    """One sudden disturbance and the recovery from it."""
 
     recovery_time_s: float | None
-    judged_by: str
+    """From its start to the last instant, before the next one or the end, at which the attitude
+    error is not settled; 0 if it always is, for the time allowed at least where the record ends;
+    None if the record shows no recovery."""
+    judged_by: str  # recovery, or, before the settling deadline, the envelope if there is one
 
     @property
     def outcome(self) -> str:
@@ -134,85 +104,46 @@ class Disturbance(Pulse):
 
 @dataclass(frozen=True)
 class Metrics:
-    """The numbers of a run; None where the record cannot show one.
-
-    Attributes
-    ----------
-    settling_time_s : float or None
-        Last instant before the first sudden disturbance at which the attitude error is not
-        settled; 0 if there is none. None if no error before it is known, or the record begins
-        late, when it was settled.
-    error_after_settling_deadline : float or None
-        Largest max_i |q_ev,i| from the deadline on, without the recoveries from sudden
-        disturbances.
-    terminal_error : float or None
-        Largest max_i |q_ev,i| of the last part.
-    max_rate_deg_s, max_rate_axis_deg_s : float or None
-        Largest ‖ω_s‖ and largest component before the first sudden disturbance.
-    max_applied_torque : float or None
-        Largest component of the actuator torque [N·m].
-    time_outside_attitude_envelope_s, time_outside_rate_envelope_s : float or None
-        Time with a component of the law's own error beyond its envelope; None without one.
-    time_pointing_outside_attitude_envelope_s : float or None
-        Time with a component of the true attitude error beyond the law's envelope.
-    error_from_deadline_with_recoveries : float or None
-        Largest max_i |q_ev,i| from the deadline on.
-    max_rate_whole_run_deg_s, max_rate_axis_whole_run_deg_s : float or None
-        Largest ‖ω_s‖ and largest component of all.
-    settled : bool or None
-        Whether the attitude error is settled at the last instant before the first sudden
-        disturbance: if not, there is no settling time yet.
-    converged : bool or None
-        Whether the attitude error stays settled over the last part.
-    further : mapping of str to float
-        ``time_outside_<bound>_s`` of the envelopes of other errors.
-    disturbances : tuple of Disturbance
-        The sudden disturbances, by start.
-    spans : mapping of str to (float, float)
-        Name of a number above to the part of the run that it is taken over [s].
-    """
+    """The numbers of a run; None where the record cannot show one."""
 
     settling_time_s: float | None
+    """Last instant before the first sudden disturbance at which the attitude error is not settled;
+    0 if there is none. None if no error before it is known, or the record begins late, when it was
+    settled."""
     error_after_settling_deadline: float | None
-    terminal_error: float | None
+    """Largest max_i |q_ev,i| from the deadline on, without recoveries from sudden disturbances."""
+    terminal_error: float | None  # largest max_i |q_ev,i| of the last part
+    # Largest ‖ω_s‖ and largest component before the first sudden disturbance.
     max_rate_deg_s: float | None
     max_rate_axis_deg_s: float | None
-    max_applied_torque: float | None
+    max_applied_torque: float | None  # largest component of the actuator torque [N·m]
+    # Time with a component of the law's own error beyond its envelope; None without one.
     time_outside_attitude_envelope_s: float | None
     time_outside_rate_envelope_s: float | None
+    # The same for the true attitude error.
     time_pointing_outside_attitude_envelope_s: float | None
-    error_from_deadline_with_recoveries: float | None
-    max_rate_whole_run_deg_s: float | None
+    error_from_deadline_with_recoveries: float | None  # largest max_i |q_ev,i|
+    max_rate_whole_run_deg_s: float | None  # largest ‖ω_s‖ and largest component of all
     max_rate_axis_whole_run_deg_s: float | None
     settled: bool | None
-    converged: bool | None
-    further: Mapping[str, float]
-    disturbances: tuple[Disturbance, ...]
-    spans: Mapping[str, Span]
+    """Whether the attitude error is settled at the last instant before the first sudden
+    disturbance: if not, there is no settling time yet."""
+    converged: bool | None  # whether the attitude error stays settled over the last part
+    further: Mapping[str, float]  # `time_outside_<bound>_s` of the envelopes of other errors
+    disturbances: tuple[Disturbance, ...]  # by start
+    spans: Mapping[str, Span]  # name of a number above to the part of the run it is taken over
 
 
 @dataclass(frozen=True)
 class ErrorSize:
-    """One of the three attitude errors (`truth`), over a part of the run.
-
-    Attributes
-    ----------
-    name, meaning : str
-        Which error.
-    max_deg, rms_deg : float or None
-        Largest and root mean square of its angle [deg]; None if it is not known.
-    span : (float, float)
-        The part of the run [s].
-    without : tuple of (float, float)
-        What of it is not on record [s].
-    """
+    """One of the three attitude errors (`truth`), over a part of the run."""
 
     name: str
     meaning: str
-    max_deg: float | None
-    rms_deg: float | None
+    max_deg: float | None  # largest angle [deg]; None if it is not known
+    rms_deg: float | None  # its root mean square [deg]
     span: Span
-    without: tuple[Span, ...] = ()
+    without: tuple[Span, ...] = ()  # what of the span is not on record
 
     @property
     def span_text(self) -> str:

@@ -38,24 +38,12 @@ _GLANCE = 0.1  # [s] between looks at the wish to stop
 
 @dataclass(frozen=True)
 class Finished:
-    """A campaign that has been run.
+    """A campaign that has been run."""
 
-    Attributes
-    ----------
-    folder : Path
-        Where its files are.
-    total : int
-        How many runs were wanted; `summary.runs` were done.
-    summary : Summary
-        Its results, counted.
-    bands : QuantileBands
-        Errors over time.
-    """
-
-    folder: Path
-    total: int
+    folder: Path  # where its files are
+    total: int  # how many runs were wanted; `summary.runs` were done
     summary: Summary
-    bands: QuantileBands
+    bands: QuantileBands  # errors over time
 
 
 def run_campaign(

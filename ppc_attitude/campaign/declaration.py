@@ -43,30 +43,17 @@ from ppc_attitude.simulation.scenario import Scenario, check_components, see_tha
 
 @dataclass(frozen=True)
 class Campaign:
-    """Everything that determines every run: run `index` is a function of this and the index.
+    """Everything that determines every run: run `index` is a function of this and the index."""
 
-    Attributes
-    ----------
-    scenario : Scenario
-        What is varied; its plant's `duration` is the length of every run.
-    variables : mapping of str to Variable
-        How it is varied, in the order in which they are drawn, by the names of their streams.
-    seed : int
-        Seed of all draws, not negative.
-    declaration : mapping
-        The YAML as read, to be kept with the results.
-    made_with : mapping of str to str
-        Versions; a worker with others would give other numbers, and refuses.
-    required : Requirements
-        What every run is judged by.
-    """
-
-    scenario: Scenario
+    scenario: Scenario  # what is varied; its plant's `duration` is the length of every run
     variables: Mapping[str, Variable]
-    seed: int
+    """How it is varied, in the order in which they are drawn, by the names of their streams."""
+    seed: int  # of all draws, not negative
     declaration: Mapping[str, Any] = field(default_factory=dict)
+    """The YAML as read, to be kept with the results."""
     made_with: Mapping[str, str] = field(default_factory=versions)
-    required: Requirements = PAPER
+    """Versions; a worker with others would give other numbers, and refuses."""
+    required: Requirements = PAPER  # what every run is judged by
 
     @property
     def duration(self) -> float:

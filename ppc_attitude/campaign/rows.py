@@ -70,18 +70,10 @@ class CampaignError(RuntimeError):
 
 @dataclass(frozen=True)
 class Outcome:
-    """The part of a run that a campaign keeps.
+    """The part of a run that a campaign keeps."""
 
-    Attributes
-    ----------
-    row : dict
-        A value for every key of `row_types`.
-    levels : ndarray of uint8, shape (len(QUANTITIES), bins), or None
-        See `quantile_bands`; None of a run that broke.
-    """
-
-    row: Row
-    levels: Levels | None
+    row: Row  # a value for every key of `row_types`
+    levels: Levels | None  # shape (len(QUANTITIES), bins); None of a run that broke
 
 
 def _outcome(campaign: Campaign, index: int, loop: Loop, empty: Row) -> Outcome:

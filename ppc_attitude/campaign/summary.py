@@ -32,19 +32,11 @@ _MOST_LIMITS = 3  # that are told apart; an actuator of random strength has one 
 
 @dataclass(frozen=True)
 class Fraction:
-    """A count out of a number of runs, with its 95 % Wilson interval.
-
-    Attributes
-    ----------
-    met, judged : int
-        How many met it, of how many.
-    broken : int
-        How many of these broke, which counts as missed.
-    """
+    """A count out of a number of runs, with its 95 % Wilson interval."""
 
     met: int
     judged: int
-    broken: int = 0
+    broken: int = 0  # how many of those judged broke, which counts as missed
 
     @property
     def value(self) -> float:

@@ -55,27 +55,15 @@ _WORST = 1e6  # of a run that breaks
 
 @dataclass(frozen=True)
 class Tuned:
-    """The result of a search.
+    """The result of a search; all but its first two are of the fresh runs."""
 
-    Attributes
-    ----------
-    gains : mapping of str to float
-        Parameters of the controller.
-    candidates : int
-        How many sets of gains were tried.
-    fraction : Fraction
-        How many of the fresh runs met every requirement.
-    settling : tuple of 2 float
-        Median and largest settling time of the fresh runs [s]; infinite if one never settles.
-    missed : mapping of str to int
-        How many of the fresh runs missed a requirement, by its name; the most missed comes first.
-    """
-
-    gains: Mapping[str, float]
-    candidates: int
-    fraction: Fraction
+    gains: Mapping[str, float]  # parameters of the controller
+    candidates: int  # how many sets of gains were tried
+    fraction: Fraction  # how many runs met every requirement
     settling: tuple[float, float]
+    """Median and largest settling time [s]; infinite if a run never settles."""
     missed: Mapping[str, int]
+    """How many runs missed a requirement, by its name; the most missed comes first."""
 
 
 def tuned(

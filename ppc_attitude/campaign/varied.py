@@ -44,26 +44,12 @@ _NAME = re.compile(r"(\w+)\.([\w.]+)(?:\[(\d+)\])?")
 
 @dataclass(frozen=True)
 class Varied(Variable):
-    """A declared number that varies.
+    """A declared number that varies."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the variable, and of its random stream.
-    node, parameter : str
-        Whose parameter it is, and which.
-    places : tuple of int
-        Which of its numbers, from 0; empty if it is a single one.
-    unit : str
-        Its unit.
-    drawn_from : Number or Attitudes
-        How it is drawn.
-    """
-
-    name: str
+    name: str  # of the variable, and of its random stream
     node: str
-    parameter: str
-    places: tuple[int, ...]
+    parameter: str  # of the node
+    places: tuple[int, ...]  # which of its numbers, from 0; empty if it is a single one
     unit: str
     drawn_from: Number | Attitudes
 
