@@ -19,6 +19,7 @@ import os
 import shlex
 import sys
 import warnings
+from argparse import ArgumentTypeError
 from importlib import import_module
 from pathlib import Path
 
@@ -36,7 +37,7 @@ from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.command_line.gain_search import WRITTEN
 from ppc_attitude.command_line.main import COMMANDS, main, parsers
 from ppc_attitude.command_line.options import REPORT
-from ppc_attitude.command_line.paths import new_file
+from ppc_attitude.command_line.paths import new_file, new_folder
 from ppc_attitude.command_line.recording import _progress
 from ppc_attitude.contract.topics import RECORDER
 from ppc_attitude.processes.exits import BAD_INPUT
@@ -248,6 +249,21 @@ def test_where_nothing_can_be_written_is_told_before_the_work(
     told = ask("run", "--report", "new/report.html", code=BAD_INPUT).err
     assert f"nothing can be written into {mistakes}" in told
     assert asked == [(mistakes, os.W_OK | os.X_OK)]
+
+
+def test_of_a_folder_that_exists_it_counts_whether_it_is_writable_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = tmp_path / "home"
+    home.mkdir()
+    monkeypatch.setattr(os, "access", lambda path, mode: path == home)
+    assert new_folder(str(home)) == home
+    assert new_file()(str(home / "file")) == home / "file"
+    for written, parse in ((tmp_path, new_folder), (tmp_path / "file", new_file())):
+        with pytest.raises(ArgumentTypeError, match="nothing can be written"):
+            parse(str(written))
+    with pytest.raises(ArgumentTypeError, match="nothing can be written into /"):
+        new_folder("/")
 
 
 @pytest.mark.parametrize("line", ["inject 1 0 0", "run --duration 1", "latency --duration 1"])

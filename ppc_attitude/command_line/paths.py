@@ -26,9 +26,10 @@ _BEGINNING = 512  # bytes, of which the mark of a file that a command wrote is a
 
 def new_folder(text: str) -> Path:
     """Parse a folder for files; it and those above it need not exist yet."""
-    path = _writable(text)
+    path = some_path(text)
     if path.exists() and not path.is_dir():
         raise argparse.ArgumentTypeError(f"{text} is no folder")
+    _see_that_it_is_writable(text, path)
     return path
 
 
@@ -46,7 +47,8 @@ def new_file(*suffixes: str, replaces: Collection[str] = ()) -> Callable[[str], 
     """
 
     def parsed(text: str) -> Path:
-        path = _writable(text)
+        path = some_path(text)
+        _see_that_it_is_writable(text, path.absolute().parent)
         if os.path.lexists(path):
             if path.is_symlink() or not path.is_file():
                 what = "a folder" if path.is_dir() else "no plain file"
@@ -101,14 +103,14 @@ def some_path(text: str) -> Path:
     return Path(text)
 
 
-def _writable(text: str) -> Path:
-    path = some_path(text)
-    home = next(each for each in path.absolute().parents if each.exists())
+def _see_that_it_is_writable(text: str, folder: Path) -> None:
+    """See that files can be written into a folder, or that it can be made."""
+    folder = folder.absolute()
+    home = next(each for each in (folder, *folder.parents) if each.exists())
     if not home.is_dir():
         raise argparse.ArgumentTypeError(f"{text}: {home} is no folder")
     if not os.access(home, os.W_OK | os.X_OK):
         raise argparse.ArgumentTypeError(f"{text}: nothing can be written into {home}")
-    return path
 
 
 def shipped_config(name: str, package: Path | None = None) -> Path:
