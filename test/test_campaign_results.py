@@ -173,7 +173,7 @@ def test_a_limit_is_told_where_no_run_is_judged_by_it() -> None:
 def test_a_broken_run_meets_nothing() -> None:
     """And whoever reads the share is told."""
     summary = Summary(PAPER, {})
-    summary.add(rows.broken(small(), 4, "lost").row | {"fault": "dead"})
+    summary.add(rows.broken(small(), 4, "lost", {}).row | {"fault": "dead"})
     summary.add(dict.fromkeys(rows.row_types(small())) | {"all_met": True, "fault": "dead"})
     assert [str(share) for _, share in summary.shares()] == [
         "50.00 % (9.45 … 90.55); broken and counted as missed: 1"

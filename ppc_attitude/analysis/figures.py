@@ -55,7 +55,13 @@ from ppc_attitude.analysis.run_panels import (
     symbols,
 )
 from ppc_attitude.analysis.series import AnalysisError, has, known, samples, vectors
-from ppc_attitude.analysis.truth import EXACT, RECORDED, reference_rates_in_body, truth_of
+from ppc_attitude.analysis.truth import (
+    EXACT,
+    RECORDED,
+    pointing_errors,
+    reference_rates_in_body,
+    truth_of,
+)
 from ppc_attitude.contract.declared import BY_COLUMN, UNSATURATED_TORQUE
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import (
@@ -73,20 +79,16 @@ ANGLE_FLOOR = 1e-4  # [deg] where the panel of angles ends
 
 def pointing_figure(run: Measured) -> Figure:
     """Draw the angles of the attitude errors: pointing, and what it is made of if that differs."""
-    if run.pointing is None:
-        raise AnalysisError(f"{run.record.source}: {run.lacks_attitude}")
+    pointing, exact = pointing_errors(run.record), run.truth.standing == EXACT
     figure, shown, _ = panels_of(run, 1, row_height=2.1)
-    kinds = []
-    if run.truth.standing != EXACT:
-        for label, errors, colour in (
-            ("control: estimate against reference", run.control, BLUE),
-            ("knowledge: truth against estimate", run.knowledge, RED),
-        ):
-            kinds += [(label, errors, colour)] if errors is not None else []
-    kinds.append(("pointing: truth against reference", run.pointing, BLACK))  # over the others
     for axes in shown:
-        for label, errors, colour in kinds:
-            draw(axes, run.t, np.rad2deg(errors.angles), label=label, colour=colour)
+        for label, errors, colour in (
+            ("control: estimate against reference", None if exact else run.control, BLUE),
+            ("knowledge: truth against estimate", None if exact else run.knowledge, RED),
+            ("pointing: truth against reference", pointing, BLACK),  # over the others
+        ):
+            if errors is not None:
+                draw(axes, run.t, np.rad2deg(errors.angles), label=label, colour=colour)
         accuracy_limits(axes, run, DEGREES)
         log_axis(axes, ANGLE_FLOOR)
         axes.set_ylabel("attitude error, angle [deg]")
@@ -102,11 +104,9 @@ def error_figure(run: Measured, envelope: Envelope) -> Figure:
 
 def attitude_figure(run: Measured) -> Figure:
     """Draw the pointing error, unless it is the law's own error, which is drawn in its envelope."""
-    if run.pointing is None:
-        raise AnalysisError(f"{run.record.source}: {run.lacks_attitude}")
     if has(run.record, ATTITUDE.bound) and run.truth.standing != RECORDED:
         raise AnalysisError(f"{run.record.source}: has an envelope")
-    return _in_envelope(run, ATTITUDE, run.pointing.quaternions[:, :3], None)
+    return _in_envelope(run, ATTITUDE, pointing_errors(run.record).quaternions[:, :3], None)
 
 
 def applied_torque_figure(run: Measured) -> Figure:

@@ -48,13 +48,7 @@ from ppc_attitude.analysis.truth import (
     pointing_errors,
     truth_of,
 )
-from ppc_attitude.analysis.verdict import (
-    Disturbance,
-    Metrics,
-    Requirement,
-    Span,
-    span_text,
-)
+from ppc_attitude.analysis.verdict import Disturbance, Metrics, Requirement, Span, span_text
 from ppc_attitude.contract.cdr import LARGEST
 from ppc_attitude.contract.declared import ATTITUDE_ERROR, BY_COLUMN, RATE_ERROR
 from ppc_attitude.contract.run_record import Array, RunRecord

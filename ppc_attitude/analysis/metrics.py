@@ -139,7 +139,8 @@ class Verdict(Measured):
             ("control", "estimate against reference", self.control),
             ("knowledge", "truth against estimate", self.knowledge),
         ):
-            angles = self.rate[:, 0] * np.nan if errors is None else np.rad2deg(errors.angles)
+            unknown = np.full(self.t.size, np.nan)
+            angles = unknown if errors is None else np.rad2deg(errors.angles)
             without = clipped(absent_spans(self.t, angles), self.last_span)
             angles = angles[self.last & np.isfinite(angles)]
             most = rms = None
@@ -174,9 +175,7 @@ class Verdict(Measured):
         """Return the object that ``ppc_attitude analyse --json`` prints."""
         metrics = asdict(self.metrics)
         metrics |= metrics.pop("further")
-        spans = {name: list(span) for name, span in metrics.pop("spans").items()}
-        for disturbance in metrics["disturbances"]:
-            disturbance["torque"] = list(disturbance["torque"])
+        spans = metrics.pop("spans")
         return {
             "bag": self.record.source,
             "controller": self.record.controller,
@@ -185,8 +184,8 @@ class Verdict(Measured):
             "missing_messages": self.record.missing_messages,
             "warnings": list(self.record.warnings),
             "requirements": [each.to_json() for each in self.requirements],
-            "metrics": {**metrics, "disturbances": list(metrics["disturbances"]), "spans": spans},
-            "errors": [{**asdict(each), "span": list(each.span)} for each in self.errors],
+            "metrics": {**metrics, "spans": spans},
+            "errors": [asdict(each) for each in self.errors],
             "truth": self.truth.standing,
             "required": self.required.to_json(),
             "changes": list(self.changes),

@@ -63,14 +63,7 @@ _METRICS = (
 def write_report(runs: Sequence[Verdict], path: Path, *, mission: str = "", date: str = "") -> None:
     """Write the report of one to six runs; several are compared in a table and common figures.
 
-    Parameters
-    ----------
-    runs : sequence of Verdict
-        The runs, judged.
-    path : Path
-        The HTML file, as for `write_page`.
-    mission, date : str
-        Name of the mission, for the title; when the report is made.
+    It is an HTML file, as of `write_page`; the mission is for its title, the date when it is made.
 
     Raises
     ------

@@ -137,11 +137,9 @@ def rerun(campaign: Campaign, index: int) -> Verdict:
     return Verdict(record, campaign.required)
 
 
-def broken(
-    campaign: Campaign, index: int, reason: str, drawn: Mapping[str, Any] | None = None
-) -> Outcome:
-    """Outcome of a run that gave no result."""
-    row = dict.fromkeys(row_types(campaign)) | {"index": index, "error": reason, **(drawn or {})}
+def broken(campaign: Campaign, index: int, reason: str, drawn: Mapping[str, Any]) -> Outcome:
+    """Outcome of a run that gave no result, with what was drawn."""
+    row = dict.fromkeys(row_types(campaign)) | {"index": index, "error": reason, **drawn}
     return Outcome(row, None)
 
 

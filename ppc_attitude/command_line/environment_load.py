@@ -26,7 +26,7 @@ from ppc_attitude.contract.topics import INJECTOR, PLANT
 from ppc_attitude.science import magnetorquers, wheels
 from ppc_attitude.science.allocators import wheel_drive
 from ppc_attitude.science.attitude import conjugate, normalised, rotate
-from ppc_attitude.science.conditions import Condition
+from ppc_attitude.science.conditions import Condition, advisable
 from ppc_attitude.science.kernel import quaternion, vector
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.plants.rigid_body import INERTIA, INITIAL_ATTITUDE, INITIAL_RATE
@@ -112,13 +112,11 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
         whole += end / count * np.array(acting)
     full = times[np.array(shares) > RESERVE]
     passed = f"; a wheel exceeds the limit from {full[0]:.4g} s on" if full.size else ""
-    yield Condition(
+    yield advisable(
         "speed of a wheel",
         max(shares),
         RESERVE,
-        "≤",
         "",
-        False,
         f"largest share of its speed limit that a wheel reaches in {end:g} s of the environment's "
         f"torque, if the craft follows its reference{passed}",
     )

@@ -177,15 +177,9 @@ class Judgement:
     def of_start(self, turn: float, rate: float) -> list[str]:
         """Say from when on the craft is settled after the scenario's own start.
 
-        Nothing is said where the certificate does not hold, the law begins later than the craft,
-        or the start is faster than any that it is for.
-
-        Parameters
-        ----------
-        turn : float
-            Angle of the error [rad].
-        rate : float
-            ‖ω_e‖ [rad/s].
+        That has an error of angle `turn` [rad] and a `rate` ‖ω_e‖ [rad/s]. Nothing is said where
+        the certificate does not hold, the law begins later than the craft, or the start is faster
+        than any that it is for.
         """
         if not self.holds or not self._scenario.parameters[PLANT].get(INITIAL_FIX.name, True):
             return []

@@ -74,13 +74,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def _complete() -> None:
-    """Tell the shell how its command line may go on, and end.
-
-    Raises
-    ------
-    SystemExit
-        Always.
-    """
+    """Tell the shell how its command line may go on, and end this process."""
     import argcomplete
 
     name = next(iter(os.environ.get("COMP_LINE", "").split()[1:2]), "")

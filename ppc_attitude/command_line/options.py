@@ -37,7 +37,6 @@ from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.parameter import LARGEST, Parameter
 from ppc_attitude.simulation.scenario import Scenario, load
 
-_EXAMPLE = "attitude=/imu/data"
 REPORT = '<meta name="color-scheme" content="light">\n<title>'
 """What stands at the beginning of every report."""
 PAPER_DURATION = 120.0  # [s] what a scenario without a duration of its own runs
@@ -102,7 +101,8 @@ def add_reading_options(parser: argparse.ArgumentParser, *, several: bool = Fals
 def _pair(text: str) -> tuple[str, str]:
     ours, equals, theirs = text.partition("=")
     if not (ours and equals and theirs):
-        raise argparse.ArgumentTypeError(f"{text}; allowed: OURS=THEIRS, as in {_EXAMPLE}")
+        allowed = "OURS=THEIRS, as in attitude=/imu/data"
+        raise argparse.ArgumentTypeError(f"{text}; allowed: {allowed}")
     return ours, theirs
 
 

@@ -63,23 +63,15 @@ def conditions_of(
 ) -> Iterator[Condition]:
     """Yield the conditions that need no run; those of wheels and goals stand elsewhere.
 
-    Parameters
-    ----------
-    scenario : Scenario
-        The craft, its surroundings and its law.
-    required : Requirements
-        What is asked of it.
-    q_e : tuple of float
-        Attitude error at the start, x y z w.
-    environment : float
-        Largest norm of the environment's torque [N·m].
+    They look at the attitude error at the start, `q_e`, x y z w, and at the largest norm of the
+    environment's torque [N·m].
 
     Raises
     ------
     ConfigurationError
         The parameters of a component are infeasible.
     """
-    task, (_, most) = _task(scenario, required, q_e), _torques(scenario)
+    task, (_, most) = _task(scenario, required, q_e), actuator_torques(scenario)
     yield from _of_actuator(scenario, environment, task)
     yield from _of_envelopes(scenario, task)
     for node, values in scenario.parameters.items():
@@ -94,7 +86,7 @@ def _task(scenario: Scenario, required: Requirements, q_e: Quaternion) -> Task:
     """The craft, and what is asked of it."""
     plant, reference = scenario.parameters[PLANT], scenario.parameters[REFERENCE]
     craft = {x: plant[x] for part in components_of(PLANT, plant) for x in part.defaults}
-    sigmas, most = _sigmas(scenario), actuator_torque(scenario)
+    sigmas, (most, _) = _sigmas(scenario), actuator_torques(scenario)
     angle = math.degrees(rotation_angle(q_e))
     slews, times = REFERENCES.selected(reference) is goal.COMPONENT, reference[GOAL_TIMES.name]
     return Task(
@@ -127,12 +119,7 @@ def _desired_rate(scenario: Scenario) -> float | None:
     return reference.motion_bounds(values, scenario.number(PLANT, "duration") or _HORIZON)[0]
 
 
-def actuator_torque(scenario: Scenario) -> float:
-    """Torque per axis [N·m] that the selected actuator gives in any direction."""
-    return _torques(scenario)[0]
-
-
-def _torques(scenario: Scenario) -> tuple[float, float]:
+def actuator_torques(scenario: Scenario) -> tuple[float, float]:
     """Torque on an axis [N·m] that the selected actuator gives in any direction, and at most.
 
     If the actuator does not declare them, both are what the law may ask for.

@@ -96,12 +96,7 @@ class Recording:
         return record
 
     def judge(self, verdict: Verdict, file: IO[str] | None = None) -> int:
-        """Say where the bag is and what it lacks, when everything else has been said.
-
-        Returns
-        -------
-        int
-            Exit code.
+        """Say where the bag is and what it lacks, after all else; return the exit code.
 
         Raises
         ------

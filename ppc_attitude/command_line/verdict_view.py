@@ -16,12 +16,7 @@
 
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.truth import EXACT, STANDING
-from ppc_attitude.analysis.verdict import (
-    Disturbance,
-    ErrorSize,
-    number_text,
-    torque_text,
-)
+from ppc_attitude.analysis.verdict import Disturbance, ErrorSize, number_text, torque_text
 
 _MOST_CHANGES = 20  # that are shown: a stream of goals has thousands
 

@@ -205,13 +205,7 @@ def _tell(campaign: Campaign, finished: Finished, seconds: float, *, as_json: bo
 
 
 def _exit_code(finished: Finished) -> int:
-    """Exit code of a campaign that ran to its end.
-
-    Raises
-    ------
-    RunError
-        The campaign was interrupted, or some run broke.
-    """
+    """Exit code of a campaign; RunError if it was interrupted, or some run broke."""
     summary = finished.summary
     if summary.runs < finished.total:
         raise RunError(

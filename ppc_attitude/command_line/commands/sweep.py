@@ -34,7 +34,7 @@ from ppc_attitude.command_line.options import (
     scenario_of,
 )
 from ppc_attitude.command_line.paths import new_file
-from ppc_attitude.command_line.proportions import actuator_torque
+from ppc_attitude.command_line.proportions import actuator_torques
 from ppc_attitude.command_line.stopping import stoppable
 from ppc_attitude.contract.topics import INJECTOR, PLANT
 from ppc_attitude.processes.exits import DONE
@@ -136,7 +136,7 @@ def _hits(arguments: argparse.Namespace, scenario: Scenario, required: Requireme
     instants = sorted({max(round(share * deadline * rate), 1) for share in _SHARES})
     at = arguments.at or deadline + required.terminal_window
     return Hits(
-        arguments.torque or float(f"{_STRENGTH * actuator_torque(scenario):.6g}"),
+        arguments.torque or float(f"{_STRENGTH * actuator_torques(scenario)[0]:.6g}"),
         at,
         sorted(arguments.pulse_durations or [count / rate for count in instants]),
         arguments.duration or at + max(_AFTER * deadline, required.recovery),
