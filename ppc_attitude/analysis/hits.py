@@ -40,10 +40,11 @@ class SweptHit(NamedTuple):
 
 
 def pulses_of(record: RunRecord, actuator: float) -> tuple[Pulse, ...]:
-    """Find the sudden disturbances of a run; none if its external torque is not on record.
+    """Find the sudden disturbances of a run, by start, then by end.
 
-    Those that are scheduled count even if they are too small to be told from an environment, for
-    which the torque that the actuator gives on an axis [N·m] is the measure. By start, then by end.
+    There are none if its external torque is not on record. Those that are scheduled count even if
+    they are too small to be told from an environment. `actuator` is the torque that the actuator
+    gives on an axis [N·m].
     """
     if not has(record, DISTURBANCE.column):
         return ()

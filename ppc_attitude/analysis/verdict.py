@@ -120,10 +120,10 @@ class Metrics:
     # Time with a component of the law's own error beyond its envelope; None without one.
     time_outside_attitude_envelope_s: float | None
     time_outside_rate_envelope_s: float | None
-    # The same for the true attitude error.
-    time_pointing_outside_attitude_envelope_s: float | None
+    time_pointing_outside_attitude_envelope_s: float | None  # the same of the true attitude error
     error_from_deadline_with_recoveries: float | None  # largest max_i |q_ev,i|
-    max_rate_whole_run_deg_s: float | None  # largest ‖ω_s‖ and largest component of all
+    # Largest ‖ω_s‖ and largest component of the whole run.
+    max_rate_whole_run_deg_s: float | None
     max_rate_axis_whole_run_deg_s: float | None
     settled: bool | None
     """Whether the attitude error is settled at the last instant before the first sudden

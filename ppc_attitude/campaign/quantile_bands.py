@@ -69,11 +69,11 @@ class QuantileBands:
     def __init__(self, ends: Array) -> None:
         self.ends = ends
         self.counts = np.zeros((len(QUANTITIES), ends.size - 1, UNKNOWN + 1), np.int64)
-        self._rows, self._columns = np.indices(self.counts.shape[:2])
 
     def add(self, levels: Levels) -> None:
         """Count one run."""
-        self.counts[self._rows, self._columns, levels] += 1
+        quantities, bins = np.indices(levels.shape)
+        self.counts[quantities, bins, levels] += 1
 
     def quantiles(self, quantity: str, share: float) -> Array:
         """Value below which a share of the runs lies, in each time bin; NaN where none is known.

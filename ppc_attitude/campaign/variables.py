@@ -116,15 +116,14 @@ def varying(variables: Mapping[str, Variable]) -> dict[str, str]:
 
 
 @dataclass(frozen=True)
-class InitialAttitude(Variable):
+class _InitialAttitude(Variable):
     """The craft's attitude at t = 0."""
 
     of_plant = "initial_attitude"
     drawn_from: Attitudes | None = None
 
     @classmethod
-    def read(cls, name: str, declared: Any, base: Scenario) -> "InitialAttitude":
-        """Read it as it is declared."""
+    def read(cls, name: str, declared: Any, base: Scenario) -> "_InitialAttitude":
         return cls(attitudes(name, declared))
 
     def draw(self, own: Generator, values: NodeParameters) -> Drawn:
@@ -144,7 +143,7 @@ class InitialAttitude(Variable):
 
 
 @dataclass(frozen=True)
-class InitialRate(Variable):
+class _InitialRate(Variable):
     """Norm [rad/s] and direction of what is added to the craft's rate at t = 0."""
 
     of_plant = "initial_angular_velocity"
@@ -152,8 +151,7 @@ class InitialRate(Variable):
     direction: Direction = on_sphere
 
     @classmethod
-    def read(cls, name: str, declared: Any, base: Scenario) -> "InitialRate":
-        """Read it as it is declared."""
+    def read(cls, name: str, declared: Any, base: Scenario) -> "_InitialRate":
         parts = keys(name, declared, ("magnitude", "direction"))
         return cls(
             number(f"{name}.magnitude", parts.get("magnitude"), _RATE),
@@ -161,7 +159,6 @@ class InitialRate(Variable):
         )
 
     def draw(self, own: Generator, values: NodeParameters) -> Drawn:
-        """Draw the rate."""
         rate = np.array(values[PLANT][self.of_plant])
         if self.size is not None:
             rate = rate + self.size.draw(own) * np.array(self.direction(own))
@@ -171,7 +168,7 @@ class InitialRate(Variable):
 
 
 @dataclass(frozen=True)
-class InertiaError(Variable):
+class _InertiaError(Variable):
     """Largest relative difference, about any axis, of the craft's inertia from the scenario's.
 
     The controller keeps the scenario's.
@@ -181,12 +178,10 @@ class InertiaError(Variable):
     error: Number | None = None
 
     @classmethod
-    def read(cls, name: str, declared: Any, base: Scenario) -> "InertiaError":
-        """Read it as it is declared."""
+    def read(cls, name: str, declared: Any, base: Scenario) -> "_InertiaError":
         return cls(number(name, declared, _ERROR))
 
     def draw(self, own: Generator, values: NodeParameters) -> Drawn:
-        """Draw the inertia."""
         inertia: Array = np.array(values[PLANT][self.of_plant])[[*UPPER]].reshape(3, 3)
         error = 0.0
         if self.error is not None:
@@ -221,15 +216,14 @@ def perturbed_inertia(inertia: Array, error: float, own: Generator) -> Array:
 
 
 @dataclass(frozen=True)
-class Disturbance(Variable):
+class _Disturbance(Variable):
     """One sudden pulse, in addition to the scenario's: start [s], duration [s], norm [N·m]."""
 
     numbers: tuple[Number, Number, Number]
     direction: Direction  # body axes
 
     @classmethod
-    def read(cls, name: str, declared: Any, base: Scenario) -> "Disturbance":
-        """Read it as it is declared."""
+    def read(cls, name: str, declared: Any, base: Scenario) -> "_Disturbance":
         parts = keys(name, declared, ("time", "duration", "torque", "direction"))
         within, lasting = _times(base)
         time = number(f"{name}.time", parts.get("time"), within)
@@ -239,7 +233,6 @@ class Disturbance(Variable):
         return cls((time, duration, torque), sense)
 
     def draw(self, own: Generator, values: NodeParameters) -> Drawn:
-        """Draw the pulse."""
         time, duration, size = (each.draw(own) for each in self.numbers)
         torque = [size * part for part in self.direction(own)]
         drawn = {"pulse_time": time, "pulse_duration": duration, "pulse_torque": size}
@@ -263,7 +256,7 @@ def _times(base: Scenario) -> tuple[Parameter, Parameter]:
 
 
 @dataclass(frozen=True)
-class Fault(Variable):
+class _Fault(Variable):
     """One fault of the craft's hardware, in addition to the scenario's."""
 
     what: tuple[str, ...]  # texts of faults without times, equally likely
@@ -271,8 +264,7 @@ class Fault(Variable):
     duration: Number | None  # [s]; None: for ever
 
     @classmethod
-    def read(cls, name: str, declared: Any, base: Scenario) -> "Fault":
-        """Read it as it is declared."""
+    def read(cls, name: str, declared: Any, base: Scenario) -> "_Fault":
         parts = keys(name, declared, ("what", "time", "duration"))
         within, lasting = _times(base)
         what = parts.get("what")
@@ -309,14 +301,13 @@ def _with_fault(plant: Mapping[str, Any], what: str, *times: float) -> dict[str,
 
 
 @dataclass(frozen=True)
-class ActuatorStrength(Variable):
+class _ActuatorStrength(Variable):
     """Factor on the torque limits of the actuator, of which the controller does not know."""
 
     factor: Number | None = None
 
     @classmethod
-    def read(cls, name: str, declared: Any, base: Scenario) -> "ActuatorStrength":
-        """Read it as it is declared."""
+    def read(cls, name: str, declared: Any, base: Scenario) -> "_ActuatorStrength":
         found = number(name, declared, _STRENGTH)
         weakest = weakened(base.parameters[PLANT], found.low)
         if not weakest:
@@ -328,7 +319,6 @@ class ActuatorStrength(Variable):
         return cls(found)
 
     def draw(self, own: Generator, values: NodeParameters) -> Drawn:
-        """Draw the factor."""
         factor = 1.0 if self.factor is None else self.factor.draw(own)
         return {"actuator_strength": factor}, {PLANT: weakened(values[PLANT], factor)}
 
@@ -342,14 +332,14 @@ def _try(what: str, base: Scenario, values: Mapping[str, Any]) -> None:
 
 
 VARIABLES: dict[str, Any] = {
-    "initial_attitude": InitialAttitude,
-    "initial_rate": InitialRate,
-    "inertia_error": InertiaError,
-    "disturbance": Disturbance,
-    "fault": Fault,
-    "actuator_strength": ActuatorStrength,
+    "initial_attitude": _InitialAttitude,
+    "initial_rate": _InitialRate,
+    "inertia_error": _InertiaError,
+    "disturbance": _Disturbance,
+    "fault": _Fault,
+    "actuator_strength": _ActuatorStrength,
 }
-"""Name in a declaration to what it is."""
+"""Name in a declaration to what it is; `read` checks what is declared for a scenario."""
 NOMINAL: dict[str, Variable] = {
     name: VARIABLES[name]()
     for name in ("initial_attitude", "initial_rate", "inertia_error", "actuator_strength")

@@ -43,16 +43,14 @@ def execute(arguments: argparse.Namespace) -> int:
     record = record_of(arguments)
     result = stoppable(lambda: replay(record))
     if arguments.json:
-        law = dict.fromkeys(("steps", "skipped", "largest", "at"))
-        if result.law is not None:
-            law |= asdict(result.law)
+        law = asdict(result.law) if result.law else {}
         print_json(
             {
                 "bag": str(arguments.bag),
-                "steps": law["steps"],
-                "skipped": law["skipped"],
-                "largest_difference": law["largest"],
-                "at": law["at"],
+                "steps": law.get("steps"),
+                "skipped": law.get("skipped"),
+                "largest_difference": law.get("largest"),
+                "at": law.get("at"),
                 "components": [asdict(each) for each in result.found],
                 "missing": result.missing,
                 "left_out": result.left_out,
