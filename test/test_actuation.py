@@ -136,6 +136,15 @@ def gains(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+def test_the_rate_at_the_start_is_told_and_not_that_at_the_end_of_the_run(
+    gains: Path, ask: Ask
+) -> None:
+    check = ["check", *OPTIONS, f"--config={gains}", "--json", "--duration"]
+    (short,), (long,) = (ask(*check, duration).json["own_start"] for duration in (80, 100))
+    assert short == long
+    assert short.endswith("42.71° from the reference, turning at 0.707 deg/s relative to it")
+
+
 def test_a_craft_may_turn_with_its_rate_limit_however_low_omega0_is(gains: Path) -> None:
     values = load([*FILES, gains]).parameters[CONTROLLER]
     assumed, law = assumptions_of(values), law_of(values)

@@ -22,6 +22,7 @@ the requirements need at best of craft and law, and warns of what is out of prop
 import argparse
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
+from itertools import chain
 from typing import Any
 
 from ppc_attitude.analysis.requirements import load_requirements
@@ -38,7 +39,6 @@ from ppc_attitude.command_line.options import (
 )
 from ppc_attitude.command_line.proportions import conditions_of
 from ppc_attitude.command_line.stopping import stoppable
-from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import (
     ATTITUDE,
     ESTIMATOR,
@@ -118,13 +118,13 @@ def execute(arguments: argparse.Namespace) -> int:
     parts = stoppable(lambda: _at_start(scenario))
     law = parts[CONTROLLERS.name]
     told, true, desired = (
-        tuple(_given(parts, each.column).tolist())
-        for each in (ATTITUDE, TRUE_ATTITUDE, REFERENCE_ATTITUDE)
+        _given(parts, each.column) for each in (ATTITUDE, TRUE_ATTITUDE, REFERENCE_ATTITUDE)
     )
     q_e = attitude_error(told if any(told) else true, desired)
-    surroundings = parts[ENVIRONMENTS.name]
+    promised = _promised(guarantee, arguments, parts) if guarantee else {}
+    # From here on reference and environment go on to the end of the run.
+    surroundings, reference = parts[ENVIRONMENTS.name], parts[REFERENCES.name]
     environment = stoppable(lambda: environment_torque(scenario, surroundings))
-    reference = parts[REFERENCES.name]
     wheels = stoppable(lambda: [*wheel_conditions(scenario, reference, surroundings)])
     goals = goals_told(scenario)
     conditions = (
@@ -133,17 +133,6 @@ def execute(arguments: argparse.Namespace) -> int:
         *_goal_conditions(goals),
     )
     idle = idle_parameters(arguments.config, scenario)
-    own, known = list[str](), list[str]()
-    if guarantee:
-        omega_s, omega_d = (
-            tuple(_given(parts, each.column).tolist()) for each in (TRUE_RATE, REFERENCE_RATE)
-        )
-        error, omega_e, _ = relative_to((desired, omega_d, ZERO), (true, omega_s, ZERO))
-        own = guarantee.of_start(rotation_angle(error), norm(omega_e))
-    if guarantee and arguments.known_reference:
-        promised = (each.rate for each in guarantee.certificate.promises)
-        known = guarantee.of_reference([x for x in promised if x <= _LARGEST_KNOWN_RATE])
-    hits = [guarantee.of_hit(*hit) for hit in arguments.hit] if guarantee else []
     if arguments.json:
         page = _json(scenario, conditions, q_e, law.advice, goals) | {"idle_parameters": idle}
         if guarantee:
@@ -152,9 +141,7 @@ def execute(arguments: argparse.Namespace) -> int:
                 "doubts": guarantee.doubts,
                 "broken_assumptions": guarantee.broken,
                 "suspensions": guarantee.suspensions,
-                "own_start": own,
-                "known_reference": known,
-                "hits": hits,
+                **promised,
                 **asdict(guarantee.certificate),
             }
         print_json(page)
@@ -166,9 +153,28 @@ def execute(arguments: argparse.Namespace) -> int:
             advices.append(Advice(text, warning=True))
         _print(scenario, conditions, q_e, advices)
         if guarantee:
-            print("\n".join(["", *guarantee.lines(), *map(paragraph, (*own, *known, *hits))]))
+            further = map(paragraph, chain.from_iterable(promised.values()))
+            print("\n".join(["", *guarantee.lines(), *further]))
     holds = all(each.holds for each in conditions if each.necessary)
     return DONE if holds and (not guarantee or guarantee.holds) else REQUIREMENT_FAILED
+
+
+def _promised(
+    guarantee: Judgement, arguments: argparse.Namespace, parts: Mapping[str, Part]
+) -> dict[str, list[str]]:
+    """What is guaranteed of the start, of the scenario's reference and of hits."""
+    desired, true = (
+        (_given(parts, q.column), _given(parts, omega.column), ZERO)
+        for q, omega in ((REFERENCE_ATTITUDE, REFERENCE_RATE), (TRUE_ATTITUDE, TRUE_RATE))
+    )
+    error, omega_e, _ = relative_to(desired, true)
+    rates = [each.rate for each in guarantee.certificate.promises]
+    known = [each for each in rates if each <= _LARGEST_KNOWN_RATE]
+    return {
+        "own_start": guarantee.of_start(rotation_angle(error), norm(omega_e)),
+        "known_reference": guarantee.of_reference(known) if arguments.known_reference else [],
+        "hits": [guarantee.of_hit(*hit) for hit in arguments.hit],
+    }
 
 
 def _goal_conditions(goals: list[Answer]) -> Iterator[Condition]:
@@ -222,7 +228,7 @@ def _at_start(scenario: Scenario) -> dict[str, Part]:
     A law that reads more of its estimator than attitude and rate cannot step with exact sensing.
     """
     parts = first_instant(scenario)
-    if _given(parts, ATTITUDE.column).any():
+    if any(_given(parts, ATTITUDE.column)):
         return parts
     exact = {PLANT: {SENSORS.selector: "direct"}, ESTIMATOR: {ESTIMATORS.selector: NONE}}
     try:
@@ -231,10 +237,9 @@ def _at_start(scenario: Scenario) -> dict[str, Part]:
         return parts
 
 
-def _given(parts: Mapping[str, Part], column: str) -> Array:
-    """Column that one of the parts gave."""
-    found: Array = next(each for each in parts.values() if column in each.places).outputs[0][column]
-    return found
+def _given(parts: Mapping[str, Part], column: str) -> tuple[Any, ...]:
+    """Numbers of a column that one of the parts gave."""
+    return next(each for each in parts.values() if column in each.places).output(column)
 
 
 def _verdict(condition: Condition) -> str:
