@@ -221,7 +221,7 @@ def test_an_export_follows_no_link(tmp_path: Path, export: Callable[[object, Pat
     ("write", "name"),
     [
         (partial(export_csv, RUN), "run.csv"),
-        (lambda path: write_page(path, title="", body=()), "page.html"),
+        (lambda path: write_page(path, title="", date="", body=()), "page.html"),
         (partial(save, Figure()), "figure.png"),
     ],
 )

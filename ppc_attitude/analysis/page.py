@@ -38,8 +38,8 @@ class Html(str):
     """A text that is HTML already."""
 
 
-def write_page(path: Path, title: str, body: Sequence[str]) -> None:
-    """Write a page with a title, as plain text, and what it shows, as HTML.
+def write_page(path: Path, title: str, date: str, body: Sequence[str]) -> None:
+    """Write a page with a title and a date, as plain text, and what it shows, as HTML.
 
     The folder of the file is made if there is none, the file is replaced if there is one.
     """
@@ -48,6 +48,7 @@ def write_page(path: Path, title: str, body: Sequence[str]) -> None:
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         '<meta name="color-scheme" content="light">\n'
         f"<title>{escape(title)}</title>\n<style>{style()}</style>\n</head>\n<body>\n"
+        f"<h1>{escape(title)}</h1>\n<p>{escape(date)}</p>\n"
         + "\n".join(body)
         + f"\n{script()}\n</body>\n</html>\n"
     )

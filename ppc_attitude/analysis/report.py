@@ -72,12 +72,12 @@ def write_report(runs: Sequence[Verdict], path: Path, *, mission: str = "", date
     """
     labels = run_labels([run.record for run in runs])
     title = f"{mission or 'Attitude control report'}: {', '.join(labels)}"
-    body = [f"<h1>{escape(title)}</h1>", f"<p>{escape(date)}</p>", _heading(runs, labels)]
+    body = [_heading(runs, labels)]
     if len(runs) > 1:
         body.append(_comparison(runs, labels))
     for run, label in zip(runs, labels, strict=True):
         body.append(_run_section(run, label if len(runs) > 1 else "Run"))
-    write_page(path, title, body)
+    write_page(path, title, date, body)
 
 
 def _heading(runs: Sequence[Verdict], labels: Sequence[str]) -> str:

@@ -72,8 +72,6 @@ def write_campaign_report(
     if failing is not None:
         drawn.append((_FAILING, failing))
     body = [
-        f"<h1>{escape(title)}</h1>",
-        f"<p>{escape(date)}</p>",
         _outcome(finished),
         _facts(campaign, finished),
         "<h2>Requirements</h2>",
@@ -88,7 +86,7 @@ def write_campaign_report(
         collapsed("Configuration", configuration(campaign.scenario.parameters)),
         collapsed("Versions", pairs(campaign.made_with.items())),
     ]
-    write_page(path, title, body)
+    write_page(path, title, date, body)
 
 
 def _outcome(finished: Finished) -> str:
