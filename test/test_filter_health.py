@@ -27,6 +27,7 @@ from synthetic import with_columns, with_rows
 from ppc_attitude.analysis.figures import figures_of
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.metrics import Verdict
+from ppc_attitude.analysis.verdict import NOT_JUDGED
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
@@ -113,6 +114,15 @@ def test_knowledge_is_judged_without_any_innovation() -> None:
     found = rows(run(spacecraft_plant={"seed": 3, **blind}))
     assert found["knowledge_outside"].value is not None
     assert "nis" not in found
+
+
+def test_refused_fixes_are_not_judged_without_the_mounting_of_the_tracker() -> None:
+    given = correct().parameters
+    known = {"gate": 0.5}  # of a filter that is not ours, or a bag that lost the rest
+    record = replace(correct(), parameters={**given, "attitude_estimator": known})
+    row = rows(record)["refused_fixes"]
+    assert row.outcome == NOT_JUDGED
+    assert row.reason == "no mounting (star_tracker.mounting of attitude_estimator) on record"
 
 
 def test_innovations_are_not_judged_by_a_gate_that_was_changed() -> None:

@@ -72,12 +72,13 @@ def judge_filter(run: Measured) -> Iterator[Requirement]:
         # Three standard deviations of the mean of so many χ²₃.
         limit = 3.0 * math.sqrt(6.0 / count)
         yield run.row("nis", abs(float(nis[used].mean()) - 3.0), limit)
-    refused = None
-    if has(record, TRUE_ATTITUDE.column) and has(record, _FIX):
+    refused, why = None, run.lacks(TRUE_ATTITUDE.column)
+    if not (why or used.all() or MOUNTING.name in settings):
+        why = f"no mounting ({MOUNTING.name} of {ESTIMATOR}) on record"
+    if not why and has(record, _FIX):
         rows = told[~used].tolist()
         refused = float(sum(_is_good(record, settings, row) for row in rows))
-    limit = max(1.0, 1e-3 * float(told.size))
-    yield run.row("refused_fixes", refused, limit, "", run.lacks(TRUE_ATTITUDE.column))
+    yield run.row("refused_fixes", refused, max(1.0, 1e-3 * float(told.size)), "", why)
 
 
 def sigmas_of(record: RunRecord, variances: list[int]) -> Array:
