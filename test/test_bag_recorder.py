@@ -34,6 +34,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
+from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import (
@@ -179,6 +180,26 @@ def test_a_node_that_is_started_again_is_asked_again(
     told = {(change.stamp_ns, change.name, change.value) for change in record.changes}
     begun = {(stamp_of(step, 100.0), "enabled", True) for step in (20, 30)}
     assert told == {(stamp_of(20, 100.0), "k", 3.0), *begun}
+
+
+def test_a_recorder_that_cannot_write_what_it_learns_ends_as_a_broken_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It ended with a traceback."""
+
+    def refuse(*_: str) -> None:
+        raise BagError("the disk is full")
+
+    with recorder_into(tmp_path / "bag") as beside:
+        monkeypatch.setattr(beside.node._writer, "set_custom_data", refuse)
+        node = rclpy.create_node(REFERENCE)
+        beside.executor.add_node(node)
+        sent = publisher_of(node, REFERENCE_ATTITUDE)
+        beside.until(sent.get_subscription_count)
+        beside.send(ATTITUDE, 0, UNIT)
+        beside.until(lambda: beside.node.wake() >= 0.0 and beside.node.failure)
+        assert (beside.node.failure, beside.node.exit_code) == ("the disk is full", BROKEN)
+        node.destroy_node()
 
 
 @pytest.mark.parametrize(("speaks", "since"), [(True, 2), (False, 3)])

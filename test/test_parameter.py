@@ -77,7 +77,7 @@ REFUSED: list[tuple[Parameter, list[Any]]] = [
     (PLACE, [3, ["a"]]),
     (AXIS, [1.0, "xyz", {"x": 1.0}, [1.0, 0.0], [1.0, 0.0, 0.0, 0.0], []]),
     (AXIS, [[1.0, 0.0, each] for each in (math.nan, False, 1.5, "0")]),
-    (TIMES, [[-1.0]]),
+    (TIMES, [[-1.0], {}]),
     (TORQUES, [[1.0, 2.0], [1.0, 2.0, 1e300], [-1e300, 0.0, 0.0]]),
     (LAWS, [["c"], "a"]),
 ]

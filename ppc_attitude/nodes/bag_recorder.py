@@ -160,9 +160,13 @@ class BagRecorder(BaseNode):
             self._restarted[home, node] = since, values
             return
         parameters[full] = values
-        for key, value in self._custom_data().items():
-            self._writer.set_custom_data(key, value)
-        self.get_logger().info(f"the parameters of {full} are on record")
+        try:
+            for key, value in self._custom_data().items():
+                self._writer.set_custom_data(key, value)
+        except BagError as error:
+            self.fail(self._recordings[home].now, str(error))
+        else:
+            self.get_logger().info(f"the parameters of {full} are on record")
 
     def _tell_restarted(self, ends: bool = False) -> None:
         """Record the parameters of restarted nodes as changes, from the first stamp of each on."""

@@ -179,7 +179,7 @@ class Parameter:
         if not self.is_list:
             scalar: Value = self._element(value, self.default)
             return scalar
-        if isinstance(value, str) or not hasattr(value, "__iter__"):
+        if isinstance(value, str | Mapping) or not hasattr(value, "__iter__"):
             raise self._refusal(value)
         elements = list(value)
         count = len(elements)
