@@ -221,6 +221,7 @@ def test_a_loop_is_disabled_and_reset_and_bad_messages_change_nothing(nodes: Pro
         disable(stack, nodes)
         reset(stack, nodes)
         for node in (REFERENCE, CONTROLLER, INJECTOR):
+            stack.until(lambda node=node: node in stack.health, f"{node} to tell its health")
             assert not [key for key in stack.health[node] if key.startswith("refused")], node
         for topic, readers in READERS.items():
             stack.matched(topic, readers)

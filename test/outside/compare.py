@@ -38,7 +38,7 @@ def compare(bag: str, *configs: str) -> int:
         assert recorded[name].tobytes() == column.tobytes(), name
     print(*computed.columns)
     hits = Verdict(recorded).to_json()["metrics"]["disturbances"]
-    assert [each["torque"] for each in hits] == [[0.0, 0.03, 0.0]], hits
+    assert [each["torque"] for each in hits] == [(0.0, 0.03, 0.0)], hits
     told = StringIO()
     with redirect_stdout(told):
         assert main(["check", *(f"--config={each}" for each in configs)]) == 0
