@@ -197,39 +197,13 @@ def execute(arguments: argparse.Namespace) -> int:
     if not certified:
         return search_gains(arguments, scenario_of(arguments))
     scenario = _craft_of(arguments)
-    nodes, tube = nodes_around(scenario.parameters), TUBE
-    assumed = _assumptions(scenario, arguments, tube)
+    nodes = nodes_around(scenario.parameters)
     for name, value in zip(("k", "kappa", "ell"), arguments.gains or (), strict=False):
         _TABLE[PREFIX + name].checked(value)
-    h = 1.0 / scenario.number(PLANT, "rate")
-    noise = dict(zip(("attitude_noise", "rate_noise"), white_noise(nodes), strict=True))
-    noise |= {each: asked for each in noise if (asked := getattr(arguments, each)) is not None}
-    wishes = Wishes(
-        accuracy=arguments.accuracy,
-        rate=math.radians(arguments.rate),
-        time=arguments.time,
-        torque_noise=arguments.torque_noise,
-        **noise,
-    )
-    try:
-        while True:
-            found = (
-                designed(assumed, wishes, h, arguments.gains)
-                if arguments.gains
-                else design(assumed, wishes, h)
-            )
-            needed = tube_of(assumed, found.law)
-            if needed <= tube:
-                break
-            tube = _MORE * needed  # with this law the craft may be faster than was assumed
-            before, assumed = assumed, _assumptions(scenario, arguments, tube)
-            if assumed == before:  # they do not depend on it
-                break
-    except (InfeasibleError, UnwishedError) as error:
-        print(error)
-        if isinstance(error, InfeasibleError):
-            print(_helps(nearest(assumed, wishes, h, arguments.gains), {**vars(assumed), "h": h}))
+    wishes = _wishes(arguments, white_noise(nodes))
+    if (both := _design_for(scenario, arguments, wishes)) is None:
         return REQUIREMENT_FAILED
+    assumed, found = both
     values = _values(assumed, found.law)
     certificate = certify(values, wishes.accuracy, sorted({*RATES, arguments.rate}))
     if not certificate.holds:
@@ -249,6 +223,45 @@ def execute(arguments: argparse.Namespace) -> int:
         write_whole(path, text + "\n")
         print(f"{arguments.output}, {path}")
     return DONE
+
+
+def _wishes(arguments: argparse.Namespace, noise: tuple[float, float]) -> Wishes:
+    """What the options ask of a law, and the noise of the sensors where they do not say."""
+    attitude, rate = arguments.attitude_noise, arguments.rate_noise
+    return Wishes(
+        accuracy=arguments.accuracy,
+        rate=math.radians(arguments.rate),
+        time=arguments.time,
+        torque_noise=arguments.torque_noise,
+        attitude_noise=noise[0] if attitude is None else attitude,
+        rate_noise=noise[1] if rate is None else rate,
+    )
+
+
+def _design_for(
+    scenario: Scenario, arguments: argparse.Namespace, wishes: Wishes
+) -> tuple[Assumptions, Design] | None:
+    """Assumptions that hold for the design found under them; None, told with why, without one."""
+    h, tube = 1.0 / scenario.number(PLANT, "rate"), TUBE
+    assumed = _assumptions(scenario, arguments, tube)
+    try:
+        while True:
+            if arguments.gains:
+                found = designed(assumed, wishes, h, arguments.gains)
+            else:
+                found = design(assumed, wishes, h)
+            needed = tube_of(assumed, found.law)
+            if needed <= tube:
+                return assumed, found
+            tube = _MORE * needed  # with this law the craft may be faster than was assumed
+            before, assumed = assumed, _assumptions(scenario, arguments, tube)
+            if assumed == before:  # they do not depend on it
+                return assumed, found
+    except (InfeasibleError, UnwishedError) as error:
+        print(error)
+        if isinstance(error, InfeasibleError):
+            print(_helps(nearest(assumed, wishes, h, arguments.gains), {**vars(assumed), "h": h}))
+        return None
 
 
 def _craft_of(arguments: argparse.Namespace) -> Scenario:
