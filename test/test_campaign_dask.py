@@ -23,6 +23,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from campaign_helpers import compute_here, files_of, rows_of, small
@@ -119,6 +120,19 @@ def test_a_lost_scheduler_is_told_and_what_was_done_is_kept(
         )
     kept = [row["index"] for row in rows_of(tmp_path / "away")]
     assert kept[:20] == list(range(20))
+
+
+def test_a_connection_that_is_cut_amid_an_answer_is_a_lost_scheduler(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It ended in a traceback, where the scheduler was lost at the wrong moment."""
+    from distributed.comm import CommClosedError
+
+    address = "tcp://127.0.0.1:8786"
+    monkeypatch.setattr(pools, "connected", lambda _: Mock(nthreads=lambda: {address: 1}))
+    pool = pools.ClusterPool(small(), address)
+    with pytest.raises(CampaignError, match=f"the scheduler {address} was lost"):
+        pool.lost(CommClosedError("reset by peer"))
 
 
 @pytest.mark.long

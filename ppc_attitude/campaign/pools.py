@@ -147,6 +147,7 @@ class ClusterPool:
 
         self.slots = max(sum(self._client.nthreads().values()), 1)
         self._killed: type[BaseException] = distributed.KilledWorker
+        self._cut_off = cut_off()
         self._campaign, self._address = campaign, address
 
     def submit(self, start: int, stop: int) -> "Future[list[Outcome]]":
@@ -157,7 +158,7 @@ class ClusterPool:
 
     def lost(self, error: BaseException) -> bool:
         """True if the error means that the process that computed is gone."""
-        if isinstance(error, CancelledError):
+        if isinstance(error, self._cut_off):
             raise _scheduler_lost(self._address) from None
         return isinstance(error, self._killed)
 
@@ -208,6 +209,13 @@ def connected(address: str) -> Any:
             f"within {_PATIENCE:g} s ({error})"
         ) from None
     return client
+
+
+def cut_off() -> tuple[type[BaseException], ...]:
+    """Errors that tell that a scheduler was lost: ours, and Dask's before an answer or amid it."""
+    from distributed.comm import CommClosedError
+
+    return CampaignError, CancelledError, CommClosedError
 
 
 def see_that_it_is_connected(client: Any, address: str) -> None:

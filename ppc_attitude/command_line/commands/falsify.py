@@ -18,15 +18,20 @@ import argparse
 import math
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, Executor
+from concurrent.futures import Executor
 from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
 
 from tqdm import tqdm
 
-from ppc_attitude.campaign.pools import connected, cores, see_that_it_is_connected, threads
-from ppc_attitude.campaign.rows import CampaignError
+from ppc_attitude.campaign.pools import (
+    connected,
+    cores,
+    cut_off,
+    see_that_it_is_connected,
+    threads,
+)
 from ppc_attitude.command_line.environment_load import environment_torque
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
@@ -219,13 +224,9 @@ def _searched(arguments: argparse.Namespace, search: Search) -> tuple[Found, boo
         stop_on_signals() as stop,
         tqdm(total=arguments.runs, unit=" runs", file=sys.stderr) as bar,
     ):
-        try:
-            for found in search.run(arguments.runs, arguments.seconds, executor, stop, check):
-                bar.update(found.runs - bar.n)
-                bar.set_postfix_str(search.goal.text(found.value, search.space.duration))
-        except (CampaignError, CancelledError):  # whichever comes first
-            lost = f"the scheduler {arguments.scheduler} was lost"
-            raise RunError(f"{lost}; the same command continues") from None
+        for found in search.run(arguments.runs, arguments.seconds, executor, stop, check):
+            bar.update(found.runs - bar.n)
+            bar.set_postfix_str(search.goal.text(found.value, search.space.duration))
     if found is None and stop.is_set():
         raise RunError("interrupted before the first generation of runs was complete")
     if found is None:
@@ -253,10 +254,20 @@ def _file(space: Space, goal: Goal, found: Found, controller: str | None) -> str
 
 @contextmanager
 def _executor(scheduler: str | None) -> Iterator[tuple[Executor, Callable[[], None]]]:
-    """Threads of this process, or a Dask cluster, and what raises CampaignError if it is lost."""
+    """Threads of this process, or a Dask cluster, and what raises CampaignError if it is lost.
+
+    Raises
+    ------
+    RunError
+        The cluster was lost, however that was told first.
+    """
     if scheduler is None:
         with threads() as executor:
             yield executor, lambda: None
         return
     with closing(connected(scheduler)) as client:
-        yield client.get_executor(), partial(see_that_it_is_connected, client, scheduler)
+        try:
+            yield client.get_executor(), partial(see_that_it_is_connected, client, scheduler)
+        except cut_off():
+            told = f"the scheduler {scheduler} was lost; the same command continues"
+            raise RunError(told) from None
