@@ -109,7 +109,7 @@ class Measured:
         self.lacks_attitude = self.lacks(truth.attitude, REFERENCE_ATTITUDE.column)
         self.lacks_rate = self.lacks(truth.angular_velocity)
         if self.lacks_rate:
-            self.rate = np.full((self.t.size, 3), np.nan)
+            self.rate: Array = np.full((self.t.size, 3), np.nan)
         else:
             self.rate = np.rad2deg(vectors(record, truth.angular_velocity))
         pulses = known_pulses

@@ -145,9 +145,9 @@ class Reader:
         readable : ndarray of bool, shape (n,)
             False where a row is not a message of this type.
         """
-        stamps = np.zeros(len(rows), np.int64)
+        stamps: NDArray[np.int64] = np.zeros(len(rows), np.int64)
         values = np.full((len(rows), len(self._places)), np.nan)
-        readable = np.zeros(len(rows), np.bool_)
+        readable: NDArray[np.bool_] = np.zeros(len(rows), np.bool_)
         with suppress(CdrError):
             order, _, start = self._layout(rows[0].tobytes())
             # Rows with the encoding and the name length of the first have its layout; those of

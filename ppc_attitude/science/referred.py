@@ -22,7 +22,7 @@ import hashlib
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
-from enum import Enum, EnumType
+from enum import Enum, EnumMeta
 from functools import cache
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
@@ -33,7 +33,7 @@ from numba import types
 
 _OURS = __name__.partition(".")[0]
 _ROOT = Path(__file__).parent.parent
-_PLAIN = bool | int | float | complex | str | bytes | np.dtype | types.Type | None
+_PLAIN = (bool, int, float, complex, str, bytes, np.dtype, types.Type, type(None))
 
 
 @cache
@@ -77,7 +77,7 @@ def digest_of(function: Any) -> str:
 def _pieces(value: Any, seen: set[int]) -> Iterator[bytes]:
     if isinstance(value, np.ndarray | np.generic):
         yield f"{value.dtype}{value.shape}".encode() + value.tobytes()
-    elif isinstance(value, EnumType):
+    elif isinstance(value, EnumMeta):
         yield from _pieces(tuple(value.__members__.items()), seen)
     elif isinstance(value, Enum):
         yield from _pieces((value.name, value.value), seen)
