@@ -123,6 +123,7 @@ setup(
             "pytest-xdist>=3.8.0",
             "ruff>=0.17.5",
             "types-PyYAML>=6.0.12",
+            "vermin>=1.6.0",
         ],
     },
     entry_points={
