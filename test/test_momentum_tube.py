@@ -29,7 +29,6 @@ from ppc_attitude.science.component import QUATERNION
 from ppc_attitude.science.controllers import momentum_tube, tube_parameters
 from ppc_attitude.science.controllers.brake import deceleration
 from ppc_attitude.science.controllers.momentum_tube import _advance
-from ppc_attitude.science.controllers.tube_state import tell, watch
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee.assumptions import parameters_of
 from ppc_attitude.science.guarantee.cells import COARSE
@@ -321,19 +320,6 @@ def test_an_assumption_that_is_seen_broken_is_named(
     found = {told_after(time, **nodes)[: len(told)] for time in (0.5, 1.0, 1.5, 5.0)}
     assert told in found
     assert bool(nodes) == any("suspended" in each for each in found)
-
-
-def test_a_doubt_that_comes_back_right_after_other_news_is_told_again() -> None:
-    """It counted as told a second time although the user had heard of it long before only."""
-    memory, gains = state_of(momentum_tube.COMPONENT), law_of()
-    beyond = (0.05, 0.0, 0.0)  # [N·m]
-    for t, told in ((5.0, 1.0), (20.0, 2.0), (20.01, 2.0), (21.5, 3.0)):
-        memory["t"] = t
-        if t == 20.0:
-            tell(memory)  # of an event
-        else:
-            watch(memory, gains, beyond, 0.01)
-        assert memory["told"] == told
 
 
 def test_an_estimate_at_its_limit_is_no_proof_of_a_broken_assumption() -> None:
