@@ -58,7 +58,7 @@ class _ChunkIndexes:
     """
 
     def __init__(self, folder: Path) -> None:
-        self.file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 (open as long as the bag)
+        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 (open as long as the bag)
         self._count = 0
 
     def __len__(self) -> int:
@@ -66,18 +66,21 @@ class _ChunkIndexes:
 
     def append(self, record: BytesIO) -> None:
         """Keep one more record."""
-        self.file.write(_LENGTH.pack(record.tell()))
-        self.file.write(record.getbuffer())
+        self._file.write(_LENGTH.pack(record.tell()))
+        self._file.write(record.getbuffer())
         self._count += 1
 
     def __iter__(self) -> Iterator[BytesIO]:
-        with self.file:  # rosbags asks for them once, at the end
-            self.file.seek(0)
-            for _ in range(self._count):
-                (length,) = _LENGTH.unpack(self.file.read(_LENGTH.size))
-                record = BytesIO()
-                record.write(self.file.read(length))
-                yield record
+        self._file.seek(0)
+        for _ in range(self._count):
+            (length,) = _LENGTH.unpack(self._file.read(_LENGTH.size))
+            record = BytesIO()
+            record.write(self._file.read(length))
+            yield record
+
+    def close(self) -> None:
+        """Give the file back."""
+        self._file.close()
 
 
 class _SummedFile:
@@ -175,10 +178,15 @@ class KillSafeMcap(McapWriter):
         if self.chunk.bio.tell():
             self.close_chunk()
 
+    def close(self, version: int, metadata: str) -> None:
+        """Write the index, rosbags' metadata and the end of the file."""
+        super().close(version, metadata)
+        self._indexes.close()
+
     def abort(self) -> None:
         """Leave the file as it is, without index."""
         super().abort()
-        self._indexes.file.close()
+        self._indexes.close()
 
 
 class KillSafeSqlite(Sqlite3Writer):
