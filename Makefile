@@ -39,7 +39,7 @@ test: $(INSTALLED) ## lint, check types, run the tests (ARGS='-k name' goes to p
 	ruff check .; \
 	ruff check --preview --select CPY001 .; \
 	ruff format --check .; \
-	vermin --quiet --no-tips --target=3.10- ppc_attitude bench docs test setup.py; \
+	vermin --quiet --no-tips --target=3.10- ppc_attitude bench docs launch test setup.py; \
 	mypy; \
 	wait $$compiling; \
 	$(PYTEST) $(ARGS)

@@ -133,6 +133,7 @@ def test_a_connection_that_is_cut_amid_an_answer_is_a_lost_scheduler(
     pool = pools.ClusterPool(small(), address)
     with pytest.raises(CampaignError, match=f"the scheduler {address} was lost"):
         pool.lost(CommClosedError("reset by peer"))
+    assert not pool.lost(CampaignError("a worker has other versions")), "this is told as it is"
 
 
 @pytest.mark.long

@@ -212,10 +212,10 @@ def connected(address: str) -> Any:
 
 
 def cut_off() -> tuple[type[BaseException], ...]:
-    """Errors that tell that a scheduler was lost: ours, and Dask's before an answer or amid it."""
+    """Errors by which Dask tells that its scheduler was lost, before an answer or amid it."""
     from distributed.comm import CommClosedError
 
-    return CampaignError, CancelledError, CommClosedError
+    return CancelledError, CommClosedError
 
 
 def see_that_it_is_connected(client: Any, address: str) -> None:

@@ -108,9 +108,9 @@ RECORD = record_type(("count", np.int64), ("fault", FAULT, (MOST_FAULTS,)))
 class Fault(NamedTuple):
     """A fault as its text says it."""
 
-    part: str  # what fails,
-    kind: str  # how,
-    numbers: tuple[str, ...]  # and how much
+    part: str  # what fails
+    kind: str  # how it fails
+    numbers: tuple[str, ...]  # how much
     start_ns: int  # first instant [ns] at which it acts
     end_ns: int  # first instant [ns] at which it no longer acts
 

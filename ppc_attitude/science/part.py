@@ -348,12 +348,12 @@ class Part:
 
         Above 1 the column is outside its bound.
         """
-        told = self.outputs[0]
-        return {
-            each.bound: float(np.max(np.abs(told[each.name][: bound.size]) / bound))
-            for each in self.component.outputs
-            if each.bound in self.places and np.all((bound := told[each.bound]) > 0.0)
-        }
+        told, found = self.outputs[0], {}
+        for each in self.component.outputs:
+            if each.bound in self.places and np.all(told[each.bound] > 0.0):
+                bound = told[each.bound]
+                found[each.bound] = float(np.max(np.abs(told[each.name][: bound.size]) / bound))
+        return found
 
 
 def first_raised(parts: Iterable[Part]) -> str:

@@ -241,7 +241,7 @@ def _wishes(arguments: argparse.Namespace, noise: tuple[float, float]) -> Wishes
 def _design_for(
     scenario: Scenario, arguments: argparse.Namespace, wishes: Wishes
 ) -> tuple[Assumptions, Design] | None:
-    """Assumptions that hold for the design found under them; None, told with why, without one."""
+    """Find a design, and assumptions that hold with it; print why if there is none."""
     h, tube = 1.0 / scenario.number(PLANT, "rate"), TUBE
     assumed = _assumptions(scenario, arguments, tube)
     try:

@@ -32,6 +32,7 @@ from ppc_attitude.campaign.pools import (
     see_that_it_is_connected,
     threads,
 )
+from ppc_attitude.campaign.rows import CampaignError
 from ppc_attitude.command_line.environment_load import environment_torque
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import (
@@ -266,8 +267,9 @@ def _executor(scheduler: str | None) -> Iterator[tuple[Executor, Callable[[], No
             yield executor, lambda: None
         return
     with closing(connected(scheduler)) as client:
+        lost: tuple[type[BaseException], ...] = (CampaignError, *cut_off())
         try:
             yield client.get_executor(), partial(see_that_it_is_connected, client, scheduler)
-        except cut_off():
+        except lost:
             told = f"the scheduler {scheduler} was lost; the same command continues"
             raise RunError(told) from None

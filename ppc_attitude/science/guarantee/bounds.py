@@ -105,7 +105,7 @@ class Bounds:
         # [rad/s³] largest |a'| where the brake acts.
         self.V_rate, self.a_rate = self._rates()
         self.z = body.box(law.Y)  # [rad/s] largest ‖Ĵ⁻¹y‖ in the tube
-        self.B = self._allowed()  # [N·m] largest, and
+        self.B = self._allowed()  # [N·m] largest that the proof admits
         self.Y = self._tube()  # [N·m·s] least that the proof admits
 
     def feedforward(self, rate: Number) -> Numbers:
