@@ -74,9 +74,9 @@ def test_the_joint_is_that_of_the_papers_condition(
     table: EnvelopeTable, t1: float, a1: float
 ) -> None:
     """As it was solved with 30 digits, or in closed form."""
-    envelope = solve_envelope("envelope", table)
-    assert (envelope.t1, envelope.a1) == pytest.approx((t1, a1), rel=1e-11)
-    before, after = (nominal(t, envelope.shape())[0] for t in (math.nextafter(t1, 0.0), t1))
+    shape = solve_envelope("envelope", table)
+    assert (shape["t1"], shape["curvature"]) == pytest.approx((t1, a1), rel=1e-11)
+    before, after = (nominal(t, shape)[0] for t in (math.nextafter(t1, 0.0), t1))
     assert before == pytest.approx(after, abs=1e-12)
 
 
@@ -129,11 +129,11 @@ def test_too_short_a_time_names_the_shortest() -> None:
 @pytest.mark.parametrize("field", ["decay", "settling_time"])
 def test_a_parabola_shorter_than_the_digits_of_its_time_is_none(field: str) -> None:
     """Its length was zero, by which the curvature was divided."""
-    envelope = solve_envelope("envelope", replace(TABLE_2_REPAIRED, **{field: 1e30}))
-    shape, end = envelope.shape(), envelope.table.settling_time
-    for t in (envelope.t1, end, 2.0 * end):
-        assert nominal(t, shape)[0] == pytest.approx(envelope.table.terminal, rel=1e-12)
-    assert nominal(0.0, shape)[0] == pytest.approx(envelope.table.initial, rel=1e-12)
+    table = replace(TABLE_2_REPAIRED, **{field: 1e30})
+    shape, end = solve_envelope("envelope", table), table.settling_time
+    for t in (shape["t1"], end, 2.0 * end):
+        assert nominal(t, shape)[0] == pytest.approx(table.terminal, rel=1e-12)
+    assert nominal(0.0, shape)[0] == pytest.approx(table.initial, rel=1e-12)
 
 
 def test_what_no_parameter_may_be_is_no_remedy() -> None:
@@ -158,7 +158,7 @@ def test_of_two_roots_the_larger_t1() -> None:
     )
     roots = grid[:-1][np.diff(np.sign(condition)) != 0.0]
     assert roots.size == 2
-    assert solve_envelope("envelope", table).t1 == pytest.approx(roots.max(), abs=2e-4)
+    assert solve_envelope("envelope", table)["t1"] == pytest.approx(roots.max(), abs=2e-4)
 
 
 @pytest.mark.parametrize("below", [0.0, 1e-12, 1e-9, 1e-6])
@@ -167,7 +167,7 @@ def test_where_the_two_roots_meet_the_joint_is_the_series(below: float) -> None:
     decay, t2, asymptote = 0.3, 10.0, 1e-3
     amplitude = 1.0 - asymptote
     terminal = asymptote + 0.5 * math.e * (1.0 - below) * amplitude * math.exp(-decay * t2)
-    t1 = solve_envelope("envelope", EnvelopeTable(1.0, asymptote, decay, t2, terminal)).t1
+    t1 = solve_envelope("envelope", EnvelopeTable(1.0, asymptote, decay, t2, terminal))["t1"]
     p = math.sqrt(2.0 * below)
     x = 1.0 - p - p**2 / 3.0 - 11.0 / 72.0 * p**3
     # A rounding of r by 1e-16 moves the root by its square root where the two meet.
@@ -188,7 +188,7 @@ def test_the_joint_is_where_lamberts_w_puts_it(table: EnvelopeTable) -> None:
         # (1 − x/2) eˣ = r, so dx = 2 e⁻ˣ/(1 − x) dr; r is rounded in its exponent too.
         moved = 2.0 * mpmath.exp(-x) / abs(1 - x) * abs(r) * 1e-15 * (1 + width)
         t1 = max(table.settling_time - x / mpmath.mpf(table.decay), 0)
-    found = solve_envelope("envelope", table).t1
+    found = solve_envelope("envelope", table)["t1"]
     assert abs(found - float(t1)) <= float(moved) / table.decay + 1e-14 * table.settling_time
 
 
@@ -205,19 +205,18 @@ def test_feasible_envelopes_are_smooth_and_infeasible_ones_get_remedies(
         for field, value in remedies.items():
             assert is_feasible(EnvelopeTable(**(vars(table) | {field: value})))
         return
-    envelope = solve_envelope("envelope", table)
-    t1, t2 = envelope.t1, table.settling_time
+    shape = solve_envelope("envelope", table)
+    t1, a1, t2 = shape["t1"], shape["curvature"], table.settling_time
     assert 0.0 <= t1 < t2
     exponential = amplitude * math.exp(-table.decay * t1)
 
     def parabola(t: float) -> float:
-        return envelope.a1 * (t - t2) ** 2 + table.terminal
+        return a1 * (t - t2) ** 2 + table.terminal
 
     scale = max(table.terminal, exponential)
     assert parabola(t1) == pytest.approx(exponential + table.exponential_terminal, abs=1e-9 * scale)
-    assert 2.0 * envelope.a1 * (t1 - t2) == pytest.approx(-table.decay * exponential, rel=1e-9)
-    assert envelope.a1 > 0.0
-    shape = envelope.shape()
+    assert 2.0 * a1 * (t1 - t2) == pytest.approx(-table.decay * exponential, rel=1e-9)
+    assert a1 > 0.0
     assert nominal(0.0, shape)[0] == pytest.approx(table.initial, rel=1e-12) or t1 == 0.0
     values = [nominal(t, shape)[0] for t in np.linspace(0.0, 1.2 * t2, 200)]
     assert np.all(np.diff(values) <= 0.0)
@@ -226,7 +225,7 @@ def test_feasible_envelopes_are_smooth_and_infeasible_ones_get_remedies(
 
 @pytest.mark.parametrize("table", [TABLE_1, TABLE_2_REPAIRED])
 def test_clock_inverts_the_envelope(table: EnvelopeTable) -> None:
-    shape = solve_envelope("envelope", table).shape()
+    shape = solve_envelope("envelope", table)
     for t in np.linspace(0.0, 0.99 * table.settling_time, 41):
         assert nominal(clock_at(nominal(t, shape)[0], shape), shape)[0] == pytest.approx(
             nominal(t, shape)[0], rel=1e-9

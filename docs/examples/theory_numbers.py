@@ -74,13 +74,12 @@ def task(paper: Scenario) -> None:
 def envelopes() -> None:
     """Joints and steepest relative fall of the two tables."""
     for name, table in (("Table I", ATTITUDE_TABLE), ("Table II repaired", RATE_TABLE)):
-        envelope = solve_envelope(name, table)
-        shape = envelope.shape()
+        shape = solve_envelope(name, table)
         times = np.linspace(0.0, table.settling_time, 200_001)
         fall = np.array([-rate / value for value, rate in (nominal(t, shape) for t in times)])
-        show(f"{name}: r", envelope.r)
-        print(f"{name + ': t1':<58} {envelope.t1:.9f} s")
-        print(f"{name + ': a1':<58} {envelope.a1:.11e}")
+        show(f"{name}: r", shape["r"])
+        print(f"{name + ': t1':<58} {shape['t1']:.9f} s")
+        print(f"{name + ': a1':<58} {shape['curvature']:.11e}")
         show(f"{name}: largest -rho'/rho", fall.max(), "1/s")
         show(f"{name}: at", times[fall.argmax()], "s")
 

@@ -204,9 +204,9 @@ def _of_envelopes(scenario: Scenario, task: Task) -> Iterator[Condition]:
             RATE_ENVELOPE.name: ("ρ_ω", "rad/s", task.rate_sigma),
         }[prefix]
         envelope = envelope_of(prefix, law)
-        joint = f"t1 = {envelope.t1:.9g} s, a1 = {envelope.a1:.12g} 1/s²"
+        joint = f"t1 = {envelope['t1']:.9g} s, a1 = {envelope['curvature']:.12g} 1/s²"
         meaning = f"the envelope has a smooth joint: {joint}"
-        yield Condition(f"r of {symbol}", envelope.r, R_LIMIT, "≤", "", True, meaning)
+        yield Condition(f"r of {symbol}", float(envelope["r"]), R_LIMIT, "≤", "", True, meaning)
         end = f"{prefix}.terminal"
         if task.attitude_sigma or task.rate_sigma:
             meaning = f"{FLOOR:g}σ of the noise in the errors that the law gets: an envelope below "

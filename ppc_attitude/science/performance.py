@@ -36,8 +36,9 @@ SHAPE = record_type(
     ("decay", np.float64),  # l [1/s]
     ("t1", np.float64),  # [s] joint of exponential and parabola
     ("t2", np.float64),  # [s]
-    ("curvature", np.float64),  # a1 [1/s²]
+    ("curvature", np.float64),  # a1 [1/s²] of the parabola a1 (t − t2)² + g∞
     ("terminal", np.float64),  # g∞
+    ("r", np.float64),  # the feasibility number; at most e/2
 )
 LARGEST_INITIAL = 1e6  # what ρ_e0 may be
 R_LIMIT = math.e / 2.0  # the largest r with a real root
@@ -59,33 +60,8 @@ class EnvelopeTable:
     terminal: float  # g∞
 
 
-@dataclass(frozen=True)
-class Envelope:
-    """A feasible nominal envelope, solved."""
-
-    table: EnvelopeTable  # what was asked for
-    r: float  # the feasibility number; at most e/2
-    t1: float  # joint of exponential and parabola [s]
-    a1: float  # of the parabola a1 (t − t2)² + g∞ [1/s²]
-
-    def shape(self) -> Any:
-        """The envelope as the record (dtype `SHAPE`) that the kernels read."""
-        table = self.table
-        return filled(
-            SHAPE,
-            {},
-            amplitude=table.initial - table.exponential_terminal,
-            asymptote=table.exponential_terminal,
-            decay=table.decay,
-            t1=self.t1,
-            t2=table.settling_time,
-            curvature=self.a1,
-            terminal=table.terminal,
-        )
-
-
-def solve_envelope(name: str, table: EnvelopeTable) -> Envelope:
-    """Join exponential and parabola smoothly (eq. 7, corrected).
+def solve_envelope(name: str, table: EnvelopeTable) -> Any:
+    """Join exponential and parabola smoothly (eq. 7, corrected), as a record of dtype `SHAPE`.
 
     Parameters
     ----------
@@ -108,8 +84,16 @@ def solve_envelope(name: str, table: EnvelopeTable) -> Envelope:
     t1 = min(max(table.settling_time - x / table.decay, 0.0), latest)
     amplitude = table.initial - table.exponential_terminal
     fall = table.decay * amplitude * math.exp(-table.decay * t1)
-    a1 = fall / (2.0 * (table.settling_time - t1))
-    return Envelope(table, feasibility(table), t1, a1)
+    return filled(
+        SHAPE,
+        vars(table),
+        amplitude=amplitude,
+        asymptote=table.exponential_terminal,
+        t1=t1,
+        t2=table.settling_time,
+        curvature=fall / (2.0 * (table.settling_time - t1)),
+        r=feasibility(table),
+    )
 
 
 def feasibility(table: EnvelopeTable) -> float:

@@ -23,7 +23,6 @@ from ppc_attitude.science.kernel import Vector, divide, kernel, scale, tanh
 from ppc_attitude.science.parameter import Parameter
 from ppc_attitude.science.performance import (
     LARGEST_INITIAL,
-    Envelope,
     EnvelopeTable,
     solve_envelope,
 )
@@ -111,8 +110,8 @@ def envelopes_of(law: Component) -> tuple[str, ...]:
     return tuple(each for each in prefixes if f"{each}.terminal" in law.defaults)
 
 
-def envelope_of(prefix: str, values: Mapping[str, Any]) -> Envelope:
-    """Solve the envelope whose five numbers have this prefix.
+def envelope_of(prefix: str, values: Mapping[str, Any]) -> Any:
+    """Solve the envelope whose five numbers have this prefix, as the record that kernels read.
 
     Raises
     ------

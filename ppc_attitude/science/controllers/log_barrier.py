@@ -90,7 +90,7 @@ def configure(values: Mapping[str, Any]) -> Any:
         "log_barrier.",
         **{each.name: values[each.name] for each in (D_M, MU, MAX_TORQUE)},
         inertia=inertia_matrix("inertia", values["inertia"]),
-        shape=envelope_of("attitude_envelope", values).shape(),
+        shape=envelope_of("attitude_envelope", values),
     )
 
 
@@ -179,7 +179,7 @@ def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
     if task.rate_limit is None or task.desired_rate is None:
         return
     q0 = math.copysign(max(abs(task.error[3]), _SMALLEST_SCALAR), task.error[3])
-    rho, rho_rate = nominal(0.0, envelope_of("attitude_envelope", values).shape())
+    rho, rho_rate = nominal(0.0, envelope_of("attitude_envelope", values))
     K1 = values["log_barrier.K1"]
     alpha, _ = desired_rate_error(vector(task.error), q0, ZERO, rho, rho_rate, 0.0, K1)
     yield advisable(

@@ -168,8 +168,8 @@ def configure(values: Mapping[str, Any]) -> Any:
         adaptive=values["adaptive_envelope"],
         auto=values["envelope"] == "auto",
         norm_form=values["virtual_control"] == "norm",
-        attitude_shape=envelope_of("attitude_envelope", values).shape(),
-        rate_shape=envelope_of("rate_envelope", values).shape(),
+        attitude_shape=envelope_of("attitude_envelope", values),
+        rate_shape=envelope_of("rate_envelope", values),
     )
 
 

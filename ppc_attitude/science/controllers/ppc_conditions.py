@@ -32,23 +32,22 @@ from ppc_attitude.science.controllers.common import ATTITUDE_ENVELOPE, envelope_
 from ppc_attitude.science.envelope_plan import least_settling_time, table_can_be_followed
 from ppc_attitude.science.inertia import principal_moments
 from ppc_attitude.science.kernel import ZERO
-from ppc_attitude.science.performance import Envelope, nominal
+from ppc_attitude.science.performance import nominal
 
 _NOISE_SIGMAS = 3.0  # the actuator should give the torque that this many σ of noise ask for
 
 
-def steepest_fall(envelope: Envelope) -> float:
-    """max(−ρ'/ρ) [1/s] of a nominal envelope, in closed form.
+def steepest_fall(shape: Any) -> float:
+    """max(−ρ'/ρ) [1/s] of a nominal envelope's record, in closed form.
 
     On the exponential it is largest at t = 0, on the parabola where t2 − t = sqrt(g∞/a1).
     """
-    table = envelope.table
-    exponential = table.decay * (1.0 - table.exponential_terminal / table.initial)
-    u, a1 = table.settling_time - envelope.t1, envelope.a1
-    if a1 * u * u > table.terminal:
-        u = math.sqrt(table.terminal / a1)
-    parabola = 2.0 * a1 * u / (a1 * u * u + table.terminal)
-    return max(exponential if envelope.t1 > 0.0 else 0.0, parabola)
+    rho, rate = nominal(0.0, shape)
+    t1, t2, a1, terminal = shape[["t1", "t2", "curvature", "terminal"]].tolist()
+    u = t2 - t1
+    if a1 * u * u > terminal:
+        u = math.sqrt(terminal / a1)
+    return float(max(-rate / rho, 2.0 * a1 * u / (a1 * u * u + terminal)))
 
 
 def virtual_control_bound(values: Mapping[str, Any]) -> float:
@@ -118,7 +117,7 @@ def _rates(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
     yield advisable("rate bound", total, limit, "deg/s", meaning)
     if task.slews_from is None:
         return
-    shape = envelope_of(ATTITUDE_ENVELOPE.name, values).shape()
+    shape = envelope_of(ATTITUDE_ENVELOPE.name, values)
     width, when = float(shape["terminal"]), "once settled"
     if task.slews_from < math.inf:
         width = min(nominal(task.slews_from, shape)[0], 1.0)
