@@ -42,7 +42,7 @@ from ppc_attitude.science.guidance.slew import slew_torque
 from ppc_attitude.science.guidance.trajectory import POINTS, points
 from ppc_attitude.science.stamps import nanoseconds
 from ppc_attitude.simulation.closed_loop import simulate
-from ppc_attitude.simulation.flight_plan import goals_told
+from ppc_attitude.simulation.news import goals_told
 from ppc_attitude.simulation.replay import replay
 from ppc_attitude.simulation.scenario import Scenario, scenario
 

@@ -27,7 +27,7 @@ from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.science.conditions import Condition
 from ppc_attitude.simulation.closed_loop import simulate
-from ppc_attitude.simulation.flight_plan import goals_told
+from ppc_attitude.simulation.news import goals_told
 
 
 def needed(**reference: Any) -> dict[str, Condition]:

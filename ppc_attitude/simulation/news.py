@@ -16,14 +16,19 @@
 
 from collections.abc import Iterator
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.contract.run_record import Array
+from ppc_attitude.contract.topics import PLANT, REFERENCE
+from ppc_attitude.science.guidance.orders import GOAL_TIMES
 from ppc_attitude.science.hooks import Advice
+from ppc_attitude.science.kinds import REFERENCES
 from ppc_attitude.science.part import Part
-from ppc_attitude.science.stamps import seconds
+from ppc_attitude.science.references import goal
+from ppc_attitude.science.stamps import first_step, nanoseconds, seconds, stamp_of
 from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.scenario import Scenario
 
@@ -71,3 +76,40 @@ def _news(
             yield from _news(diagram, parts, fewer, samples)
     else:
         yield from ((seconds(int(stamp)), part) for stamp in stamps_ns for part in new)
+
+
+class Answer(NamedTuple):
+    """The answer to a goal, when [s] it came, and how many goals were refused then."""
+
+    time: float
+    advice: Advice
+    refused: int
+
+
+def goals_told(scenario: Scenario) -> list[Answer]:
+    """The reference's answer to each scheduled goal at the step that takes it.
+
+    The reference follows nothing but its orders and the craft's first attitude, so this needs no
+    run of the loop. Of several goals within one step only the last one has an answer. A reference
+    that knows no goals gives none.
+
+    Raises
+    ------
+    ConfigurationError
+        A parameter of the reference is infeasible.
+    """
+    values = scenario.parameters[REFERENCE]
+    if REFERENCES.selected(values) is not goal.COMPONENT:
+        return []
+    rate = scenario.number(PLANT, "rate")
+    craft = scenario.parameters[PLANT]
+    part = Part(goal.COMPONENT, values)
+    told = []
+    steps = {first_step(nanoseconds(time), rate) for time in values[GOAL_TIMES.name]}
+    for stamp_ns in [0, *(stamp_of(step, rate) for step in sorted(steps))]:
+        before, refused = part.advices, int(part.state[0]["refused"])
+        part.step(stamp_ns, craft["initial_attitude"])
+        if part.advices > before:
+            refused = int(part.state[0]["refused"]) - refused
+            told.append(Answer(seconds(stamp_ns), part.advice, refused))
+    return told

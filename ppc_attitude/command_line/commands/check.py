@@ -68,7 +68,7 @@ from ppc_attitude.science.kinds import (
 )
 from ppc_attitude.science.part import Part
 from ppc_attitude.simulation.closed_loop import first_instant
-from ppc_attitude.simulation.flight_plan import Answer, goals_told
+from ppc_attitude.simulation.news import Answer, goals_told
 from ppc_attitude.simulation.scenario import Scenario, idle_parameters
 
 HELP = "feasibility and conditions of a configuration"
