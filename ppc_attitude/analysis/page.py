@@ -27,7 +27,7 @@ from matplotlib.figure import Figure
 
 from ppc_attitude.analysis.interactive import plotted, script, style
 from ppc_attitude.analysis.requirements import Requirements
-from ppc_attitude.contract.declared import components_of
+from ppc_attitude.contract.declared import parameters_in_use
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import HOSTED
 from ppc_attitude.contract.whole_file import write_whole
@@ -82,7 +82,6 @@ def configuration(parameters: NodeParameters) -> str:
 
 def _not_run(node: str, values: Mapping[str, Any]) -> set[str]:
     """Parameters of a node that belong to components which it did not run."""
-    own = {each.name for part in components_of(node, values) for each in part.parameters}
     others = {
         each.name
         for kind in HOSTED.get(node, ())
@@ -90,7 +89,7 @@ def _not_run(node: str, values: Mapping[str, Any]) -> set[str]:
         for part in kind.components.values()
         for each in part.parameters
     }
-    return others - own
+    return others - parameters_in_use(node, values).keys()
 
 
 def _written(value: Any) -> str:

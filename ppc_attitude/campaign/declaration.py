@@ -29,7 +29,7 @@ from ppc_attitude.analysis.requirements import PAPER, Requirements
 from ppc_attitude.campaign.distributions import keys
 from ppc_attitude.campaign.variables import NOMINAL, VARIABLES, Drawn, Variable, drawn_columns
 from ppc_attitude.campaign.varied import SHORT, varied
-from ppc_attitude.contract.declared import components_of, has_parameter
+from ppc_attitude.contract.declared import components_of, parameters_in_use
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import PLANT, SOURCES
 from ppc_attitude.contract.versions import versions
@@ -134,8 +134,9 @@ def drawn_run(campaign: Campaign, index: int) -> Drawn:
     values = {node: dict(own) for node, own in campaign.scenario.parameters.items()}
     row: dict[str, Any] = dict.fromkeys(drawn_columns(campaign.variables))
     changed: dict[str, dict[str, Any]] = {PLANT: {}}
+    of_plant = parameters_in_use(PLANT, values[PLANT])  # what is drawn selects no component
     for name, each in campaign.variables.items():
-        if each.of_plant and not has_parameter(PLANT, values[PLANT], each.of_plant):
+        if each.of_plant and each.of_plant not in of_plant:
             continue
         drawn, new = each.draw(stream(campaign, index, name), values)
         row |= drawn
@@ -143,12 +144,12 @@ def drawn_run(campaign: Campaign, index: int) -> Drawn:
             values[node].update(own)
             changed.setdefault(node, {}).update(own)
     for name in SHORT:
-        if has_parameter(PLANT, values[PLANT], name):
+        if name in of_plant:
             row[name] = float(values[PLANT][name])
     row["noise_seed"] = int(stream(campaign, index, "noise_seed").integers(int(SEED.high)))
     changed = spread(values, changed)
     for node in SOURCES:
-        if has_parameter(node, values[node], SEED.name):  # unless it was drawn by itself
+        if SEED.name in parameters_in_use(node, values[node]):  # unless it was drawn by itself
             changed[node] = {SEED.name: row["noise_seed"], **changed.get(node, {})}
     return row, changed
 

@@ -37,7 +37,7 @@ from ppc_attitude.campaign.distributions import (
     on_sphere,
     random_axes,
 )
-from ppc_attitude.contract.declared import has_parameter
+from ppc_attitude.contract.declared import parameters_in_use
 from ppc_attitude.contract.run_record import Array
 from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.attitude import attitude_error, rotation_angle, unit_quaternion
@@ -135,7 +135,7 @@ class _InitialAttitude(Variable):
         desired = None
         if REFERENCES.selected(reference) is goal.COMPONENT:
             desired = q  # it begins where the craft is
-        elif has_parameter(REFERENCE, reference, "initial_attitude"):
+        elif "initial_attitude" in parameters_in_use(REFERENCE, reference):
             desired = unit_quaternion("initial_attitude", reference["initial_attitude"])
         if desired is not None:
             drawn["initial_error_angle"] = float(rotation_angle(attitude_error(q, desired)))

@@ -27,7 +27,7 @@ from numpy.random import Generator
 
 from ppc_attitude.campaign.distributions import Attitudes, Number, attitudes, number
 from ppc_attitude.campaign.variables import UPPER, Drawn, Variable
-from ppc_attitude.contract.declared import components_of
+from ppc_attitude.contract.declared import parameters_in_use
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import PLANT, SOURCES
 from ppc_attitude.science.attitude import normalised
@@ -105,7 +105,8 @@ def varied(declaration: Mapping[str, Any], base: Scenario) -> dict[str, Varied]:
         if node not in SOURCES:
             nodes = ", ".join(SOURCES)
             raise ConfigurationError(f"parameters has {name}; allowed: NODE.PARAMETER of {nodes}")
-        found[name] = _read(name, name, each, base, _running(node, base))
+        running = parameters_in_use(node, base.parameters[node])
+        found[name] = _read(name, name, each, base, running.values())
     varying: set[tuple[str, str, int]] = set()
     for name, each in found.items():
         targets = {(each.node, each.parameter, place) for place in each.places or (0,)}
@@ -117,14 +118,8 @@ def varied(declaration: Mapping[str, Any], base: Scenario) -> dict[str, Varied]:
 
 def idle(declaration: Mapping[str, Any], base: Scenario) -> list[str]:
     """Return the `SHORT` names of a declaration that the craft's sensors do not have."""
-    known = {parameter.name for parameter in _running(PLANT, base)}
+    known = parameters_in_use(PLANT, base.parameters[PLANT])
     return [name for name in SHORT if name in declaration and name not in known]
-
-
-def _running(node: str, base: Scenario) -> list[Parameter]:
-    """Parameters of the components that a node runs."""
-    running = components_of(node, base.parameters[node])
-    return [parameter for component in running for parameter in component.parameters]
 
 
 def _read(

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.analysis.reserves import RESERVE
-from ppc_attitude.contract.declared import has_parameter
+from ppc_attitude.contract.declared import parameters_in_use
 from ppc_attitude.contract.topics import INJECTOR, PLANT
 from ppc_attitude.science import magnetorquers, wheels
 from ppc_attitude.science.allocators import wheel_drive
@@ -71,12 +71,10 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
     """
     plant, end = scenario.parameters[PLANT], scenario.number(PLANT, "duration")
     known = TRUE_ATTITUDE, TRUE_RATE
-    unloaded = has_parameter(PLANT, plant, magnetorquers.MAX_DIPOLE.name) and (
-        plant.get(magnetorquers.LAW.name) != "off"
-    )
+    in_use, rods = parameters_in_use(PLANT, plant), magnetorquers.MAX_DIPOLE.name
+    unloaded = rods in in_use and plant.get(magnetorquers.LAW.name) != "off"
     needed = wheels.AXES, INERTIA, INITIAL_ATTITUDE, INITIAL_RATE
-    has = all(has_parameter(PLANT, plant, each.name) for each in needed)
-    if unloaded or not end or not has:
+    if unloaded or not end or not all(each.name in in_use for each in needed):
         return
     if not set(environment.component.inputs) <= set(known):
         return

@@ -43,7 +43,7 @@ from ppc_attitude.science.kinds import (
     ours_first,
     warn_of_unknown_groups,
 )
-from ppc_attitude.science.parameter import NodeParameters
+from ppc_attitude.science.parameter import NodeParameters, Parameter
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TOLD, TRUTH
 
 _EVENTS = {topic.name.lstrip("/") for topic in (*EVENTS, RECORDED_TOPIC, MARKERS_TOPIC)}
@@ -182,9 +182,9 @@ def components_of(node: str, values: Mapping[str, Any]) -> tuple[Component, ...]
     return tuple(component for component in chosen if component is not None)
 
 
-def has_parameter(node: str, values: Mapping[str, Any], name: str) -> bool:
-    """True if a component that a node runs has a parameter; else its value has no meaning."""
-    return any(name in component.defaults for component in components_of(node, values))
+def parameters_in_use(node: str, values: Mapping[str, Any]) -> dict[str, Parameter]:
+    """Parameters, by name, of the components that a node runs; values of others have no meaning."""
+    return {p.name: p for component in components_of(node, values) for p in component.parameters}
 
 
 def not_installed(parameters: NodeParameters) -> list[str]:

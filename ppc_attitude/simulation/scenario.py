@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from ppc_attitude.contract.declared import columns_of, components_of
+from ppc_attitude.contract.declared import columns_of, components_of, parameters_in_use
 from ppc_attitude.contract.parameter_files import read_files
 from ppc_attitude.contract.parameters import OWN, PARAMETERS, SEND_TRUTH
 from ppc_attitude.contract.topics import (
@@ -66,7 +66,7 @@ class Scenario:
         for node, values in self.parameters.items():
             names = {parameter.name for parameter in OWN[node]}
             names |= {kind.selector for kind in HOSTED.get(node, ())}
-            names.update(*(each.defaults for each in components_of(node, values)))
+            names |= parameters_in_use(node, values).keys()
             found[node] = {name: value for name, value in values.items() if name in names}
         return found
 
@@ -226,8 +226,8 @@ def _check_allocation(parameters: NodeParameters) -> None:
 
 def agreed(node: str, values: Mapping[str, Value]) -> list[str]:
     """Parameters of a node and of its components of which all nodes must have the same value."""
-    of_components = (p for each in components_of(node, values) for p in each.parameters)
-    return [p.name for p in (*OWN[node], *of_components) if p.agreed]
+    in_use = parameters_in_use(node, values)
+    return [p.name for p in (*OWN[node], *in_use.values()) if p.agreed]
 
 
 def spread(base: NodeParameters, changed: NodeParameters) -> dict[str, dict[str, Any]]:
