@@ -25,7 +25,7 @@ from guidance_helpers import DESIRED, START, STRAIGHT, cones, goals, guided, sam
 from scipy.spatial.transform import Rotation
 from synthetic import requirement, with_parameters
 
-from ppc_attitude.analysis.keep_out import approaches_of
+from ppc_attitude.analysis.flight import approaches_of
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import REFERENCE

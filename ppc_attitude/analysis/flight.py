@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The guidance of a run: its reference, computed again from the parameters on record."""
+"""The guidance of a run: its reference, flown again from what is on record, and keep-out cones.
+
+How near the craft came to its cones is told by the truth, so that its own error is in it.
+"""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -24,17 +27,26 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.analysis.keep_out import cone_names, guidance_values
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.series import has, is_finite
+from ppc_attitude.analysis.series import has, is_finite, samples
+from ppc_attitude.analysis.truth import truth_of
 from ppc_attitude.analysis.verdict import Requirement
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import ATTITUDE, ENABLED, REFERENCE
 from ppc_attitude.science.attitude import rotate
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.guidance.cones import (
+    CONE_PARAMETERS,
+    DIRECTIONS,
+    HALF_ANGLES,
+    one_for_each,
+)
 from ppc_attitude.science.guidance.goals import ACCEPTED
 from ppc_attitude.science.guidance.orders import GOAL_TIMES
 from ppc_attitude.science.guidance.scene import Cone, scene_at
+from ppc_attitude.science.guidance.sight import cone_angles
+from ppc_attitude.science.kinds import REFERENCES
+from ppc_attitude.science.orbit import CURSOR
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references import goal
 from ppc_attitude.science.stamps import nanoseconds, seconds
@@ -69,6 +81,28 @@ class Flight:
     names: tuple[str, ...]  # what each cone is about, at the instant that has the most of them
     words: tuple[Word, ...]  # what was said of orders, and warned of
     limits: Array  # limits of a slew [rad/s], [rad/s²] at each, shape (m, 2)
+
+
+class Approach(NamedTuple):
+    """The nearest that a body axis came to the direction of its cone."""
+
+    direction: str  # what the cone is about
+    angle: float  # the smallest reached [rad]
+    half_angle: float  # the smallest allowed [rad]
+
+
+def guidance_values(record: RunRecord) -> dict[str, Any] | None:
+    """Parameters of a run's guidance, complete; None if it followed no goals."""
+    configured: Mapping[str, Any] = record.parameters.get(REFERENCE, {})
+    if REFERENCES.selected(configured) is not goal.COMPONENT:
+        return None
+    return {**goal.COMPONENT.defaults, **configured}
+
+
+def cone_names(values: Mapping[str, Any]) -> list[str]:
+    """The direction that each keep-out cone is about."""
+    names = values[DIRECTIONS.name]
+    return list(one_for_each(DIRECTIONS.name, names, len(values[HALF_ANGLES.name])))
 
 
 def flight_of(record: RunRecord) -> Flight | None:
@@ -110,7 +144,7 @@ def flight_of(record: RunRecord) -> Flight | None:
     )
 
 
-def _flown(record: RunRecord, samples: int) -> Iterator[tuple[int, Part, dict[str, Any]]]:
+def _flown(record: RunRecord, count: int) -> Iterator[tuple[int, Part, dict[str, Any]]]:
     """Yield the index of each of `_instants`, the reference after its step, and its parameters.
 
     These follow what was changed in flight. Nothing is yielded before the reference has begun.
@@ -122,7 +156,7 @@ def _flown(record: RunRecord, samples: int) -> Iterator[tuple[int, Part, dict[st
     part = Part(goal.COMPONENT, values)
     own = [change for change in record.changes if change.node == REFERENCE]
     changes = [(stamp_ns, [*each]) for stamp_ns, each in groupby(own, attrgetter("stamp_ns"))]
-    for k in _instants(record, values, own, samples):
+    for k in _instants(record, values, own, count):
         stamp_ns, attitude = int(record.stamps_ns[k]), record[ATTITUDE.column][k]
         while changes and changes[0][0] <= stamp_ns:
             since, together = changes.pop(0)
@@ -140,7 +174,7 @@ def _flown(record: RunRecord, samples: int) -> Iterator[tuple[int, Part, dict[st
 
 
 def _instants(
-    record: RunRecord, values: Mapping[str, Any], changes: list[Any], samples: int
+    record: RunRecord, values: Mapping[str, Any], changes: list[Any], count: int
 ) -> list[int]:
     """Indices of the instants to look at: evenly spaced, and those from which something acts."""
     seen = np.flatnonzero(is_finite(record, ATTITUDE.column))
@@ -148,7 +182,7 @@ def _instants(
     stamps = {nanoseconds(time) for each in times for time in each}
     stamps |= {change.stamp_ns for change in changes}
     acting = np.searchsorted(record.stamps_ns[seen], sorted(stamps))
-    evenly = range(0, seen.size, max(math.ceil(seen.size / samples), 1))
+    evenly = range(0, seen.size, max(math.ceil(seen.size / count), 1))
     chosen = {*evenly, *acting[acting < seen.size].tolist(), seen.size - 1}
     return [int(seen[i]) for i in sorted(chosen) if i >= 0]
 
@@ -186,3 +220,58 @@ def judge_orders(run: Measured) -> Iterator[Requirement]:
         why = str(error)
     if obeyed or why:
         yield run.row("refused_orders", float(refused), 0.0, why=why, note=reason)
+
+
+def angles_to_cones(record: RunRecord, column: str, values: Mapping[str, Any]) -> Array:
+    """Angle [rad] between body axis and direction of each keep-out cone, shape (n, count).
+
+    By the attitudes, x y z w, in a column of a run, and the parameters of its guidance; NaN where
+    an attitude is missing, or of zeros.
+
+    Raises
+    ------
+    AnalysisError
+        As of `samples`.
+    ConfigurationError
+        The parameters are infeasible.
+    """
+    attitudes = samples(record, column)
+    configuration, *_kept = goal.configure(values)
+    angles = np.full((record.stamps_ns.size, int(configuration["cones"]["count"])), np.nan)
+    seen = is_finite(record, column) & attitudes.any(axis=1)
+    angles[seen] = cone_angles(
+        np.ascontiguousarray(record.stamps_ns[seen]),
+        np.ascontiguousarray(attitudes[seen], float),
+        configuration,
+        np.zeros((), CURSOR)[()],
+    )
+    return angles
+
+
+def approaches_of(record: RunRecord) -> list[Approach]:
+    """Nearest approach to each keep-out cone; none if the run had no cones or no attitude."""
+    values, attitude = guidance_values(record), truth_of(record).attitude
+    if values is None or not values[HALF_ANGLES.name] or not has(record, attitude):
+        return []
+    angles = angles_to_cones(record, attitude, values)
+    seen = angles[np.isfinite(angles).all(axis=1)]
+    if not seen.size:  # of an estimator that never had a fix
+        return []
+    told = cone_names(values), seen.min(axis=0).tolist(), values[HALF_ANGLES.name]
+    return [Approach(*each) for each in zip(*told, strict=True)]
+
+
+def judge_cones(run: Measured) -> Iterator[Requirement]:
+    """Judge how far the craft came into its worst keep-out cone; negative: it stayed out."""
+    why = run.changed(REFERENCE, *(each.name for each in CONE_PARAMETERS))
+    try:
+        approaches = approaches_of(run.record)
+    except ConfigurationError as error:  # a bag may hold any parameters
+        approaches, why = [], str(error)
+    if approaches:
+        worst = max(approaches, key=lambda each: each.half_angle - each.angle)
+        angle, half_angle = np.rad2deg([worst.angle, worst.half_angle])
+        note = f"came within {angle:.4g}° of {worst.direction}, allowed {half_angle:.4g}°"
+        yield run.row("keep_out", float(half_angle - angle), 0.0, "deg", why, note=note)
+    elif why:  # cones that came in flight
+        yield run.row("keep_out", None, 0.0, "deg", why)

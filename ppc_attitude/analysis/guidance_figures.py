@@ -43,8 +43,14 @@ from ppc_attitude.analysis.drawing import (
     panels,
     time_axis,
 )
-from ppc_attitude.analysis.flight import Flight, flight_of, pointed
-from ppc_attitude.analysis.keep_out import angles_to_cones, cone_names, guidance_values
+from ppc_attitude.analysis.flight import (
+    Flight,
+    angles_to_cones,
+    cone_names,
+    flight_of,
+    guidance_values,
+    pointed,
+)
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.series import AnalysisError, samples, vectors, zero_ns
 from ppc_attitude.analysis.truth import errors_of

@@ -65,11 +65,10 @@ import numpy as np
 from ppc_attitude.analysis.envelopes import Envelope, envelopes_of, outside
 from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import judge_filter
-from ppc_attitude.analysis.flight import judge_orders
+from ppc_attitude.analysis.flight import judge_cones, judge_orders
 from ppc_attitude.analysis.gaps import absent_spans, clipped, not_on_record
 from ppc_attitude.analysis.guarantee import judge_certificate
 from ppc_attitude.analysis.hits import window
-from ppc_attitude.analysis.keep_out import judge_cones
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Accuracy, Requirements, outside_names
 from ppc_attitude.analysis.reserves import judge_fuel, judge_wheels
