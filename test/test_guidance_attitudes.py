@@ -20,7 +20,7 @@ from guidance_helpers import same_sign
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.guidance.attitudes import from_euler, from_vectors
+from ppc_attitude.science.guidance.frames import from_euler, from_vectors
 
 
 def test_euler_angles_are_turns_about_fixed_axes() -> None:

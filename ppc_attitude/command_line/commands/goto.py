@@ -20,8 +20,7 @@ import math
 from ppc_attitude.command_line.options import add_stack_options, number
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
 from ppc_attitude.science.attitude import unit_quaternion
-from ppc_attitude.science.guidance.attitudes import from_euler, from_vectors
-from ppc_attitude.science.guidance.frames import FRAME_NAMES
+from ppc_attitude.science.guidance.frames import FRAME_NAMES, from_euler, from_vectors
 
 HELP = "turn a running stack to an attitude"
 DESCRIPTION = (
