@@ -28,8 +28,13 @@ from synthetic import requirement
 
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.contract.topics import REFERENCE
-from ppc_attitude.science.guidance.frames import FRAME_NAMES, INERTIAL, SPINNING, frame_at
-from ppc_attitude.science.guidance.limits import frame_bounds
+from ppc_attitude.science.guidance.frames import (
+    FRAME_NAMES,
+    INERTIAL,
+    SPINNING,
+    frame_at,
+    frame_bounds,
+)
 from ppc_attitude.science.guidance.plan import LOOK
 from ppc_attitude.science.parameter import resolved
 from ppc_attitude.science.part import Part, signals_of

@@ -41,7 +41,7 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
-from ppc_attitude.science.orbit import EARTH_RADIUS, ORBIT, gravity, gravity_rate, orbit_at
+from ppc_attitude.science.orbit import CURSOR, EARTH_RADIUS, ORBIT, gravity, gravity_rate, orbit_at
 from ppc_attitude.science.parameter import record_type
 from ppc_attitude.science.sky import DAY, EARTH_RATE, sun_direction
 
@@ -64,6 +64,7 @@ SPINNING = record_type(
 )
 # |z × s|/|s| of the two directions below which a frame's y axis is ill defined.
 LEAST_SINE = 0.1
+_STEP = 1.0  # [s] of the grid on which a frame is sampled for its bounds
 
 Direction = tuple[Vector, Vector, Vector]  # a vector and its first two derivatives by time
 
@@ -182,6 +183,44 @@ def elevation_sine(t: float, sky: Any, cursor: Any) -> float:
     point = target_at(t, sky)[0]
     sight = subtract(r, point)
     return dot(sight, point) / (norm(sight) * EARTH_RADIUS)
+
+
+@kernel
+def _largest(frame: int, count: int, spinning: Any, sky: Any, cursor: Any) -> Vector:
+    """Largest ‖f‖, ‖f'‖, and ‖Δf'‖ from point to point, at `count` points of the grid."""
+    rate, first, change = 0.0, 0.0, 0.0
+    before = frame_at(0.0, frame, spinning, sky, cursor)[0][2]
+    for i in range(count):
+        _, omega, alpha = frame_at(i * _STEP, frame, spinning, sky, cursor)[0]
+        rate, first = max(rate, norm(omega)), max(first, norm(alpha))
+        change = max(change, norm(subtract(alpha, before)))
+        before = alpha
+    return rate, first, change
+
+
+def frame_bounds(frame: int, spin_rate: float, sky: Any, duration: float) -> Vector:
+    """Bounds of ‖f‖ [rad/s], ‖f'‖ [rad/s²] and ‖f''‖ [rad/s³] of a frame for a time.
+
+    They are searched on a grid, f'' by differences of f'. The possible growth of f and f' between
+    two points is added.
+
+    Parameters
+    ----------
+    frame : int
+        Index into `FRAME_NAMES`.
+    spin_rate : float
+        Rate of the frame `spin` [rad/s].
+    sky : record of dtype SKY
+        Orbit, date and ground point.
+    duration : float
+        Time that the bounds cover [s].
+    """
+    spinning, cursor = np.zeros((), SPINNING)[()], np.zeros((), CURSOR)[()]
+    spinning["axis"], spinning["rate"] = (0.0, 0.0, 1.0), spin_rate
+    count = math.ceil(duration / _STEP) + 1
+    rate, first, change = _largest(frame, count, spinning, sky, cursor)
+    second = change / _STEP
+    return rate + 0.5 * _STEP * first, first + 0.5 * _STEP * second, second
 
 
 def from_euler(roll: float, pitch: float, yaw: float) -> Quaternion:

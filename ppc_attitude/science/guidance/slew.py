@@ -48,13 +48,13 @@ from ppc_attitude.science.kernel import (
     scale,
 )
 
-MOST_ATTEMPTS = 40
+_MOST_ATTEMPTS = 40
 SAMPLES = 64  # intervals
 ROUNDING = 1.0 + 1e-9
-SHORTEST_BRAKE = 1.0  # [s]
+_SHORTEST_BRAKE = 1.0  # [s]
 _FASTER = 1.01  # times V that a brake with 2 |α|/K may reach
-LONGER = 1.2  # times the rate with which a brake begins: the most that it may reach
-GOES_ON = 4.0 / 27.0  # times α T: most of s (1 − s)², which α adds to the rate after s T
+_LONGER = 1.2  # times the rate with which a brake begins: the most that it may reach
+_GOES_ON = 4.0 / 27.0  # times α T: most of s (1 − s)², which α adds to the rate after s T
 NO_TURN = 1e-12  # [rad]
 _SLOWEST = 0.05  # times V: a turn with it keeps V in the fastest spin that is allowed, too
 
@@ -89,18 +89,18 @@ def brake_length(omega: Vector, alpha: Vector, limits: Any) -> float:
     larger, with T = max(1.5 |ω|/A, 2 |α|/K, 1 s). If it passes V, or the present rate if larger, by
     more than 1 %, the search begins anew without 2 |α|/K: with a small K the rate would go far
     beyond. If the rate goes far beyond all the same, as where A was lowered amid a slew, it begins
-    anew with T = max(√(1.5 |ω|/A · 1 s), 1 s), which keeps the bound of the jerk (`limits`). A
+    anew with T = max(√(1.5 |ω|/A · 1 s), 1 s), which keeps the bound of the jerk (`slew_bounds`). A
     brake that lasts for turns of a fast frame may go far beyond even so: then there is none.
     """
     allowed = max(limits.max_acceleration, norm(alpha)) * ROUNDING
     present = max(limits.max_rate, norm(omega))
-    most = max(present * LONGER, present + GOES_ON * norm(alpha) * SHORTEST_BRAKE)
+    most = max(present * _LONGER, present + _GOES_ON * norm(alpha) * _SHORTEST_BRAKE)
     steady = 1.5 * norm(omega) / limits.max_acceleration
-    firm = max(steady, SHORTEST_BRAKE)
+    firm = max(steady, _SHORTEST_BRAKE)
     smooth = max(firm, 2.0 * norm(alpha) / limits.max_jerk)
-    hard = max(math.sqrt(steady * SHORTEST_BRAKE), SHORTEST_BRAKE)
+    hard = max(math.sqrt(steady * _SHORTEST_BRAKE), _SHORTEST_BRAKE)
     for length, fastest in ((smooth, present * _FASTER), (firm, most), (hard, most)):
-        for _ in range(MOST_ATTEMPTS):
+        for _ in range(_MOST_ATTEMPTS):
             rate, acceleration = _peaks(omega, alpha, length)
             if acceleration <= allowed:
                 if rate <= fastest:
@@ -202,6 +202,42 @@ def append_approach(
         start = end_attitude(plan)
     axis, angle = turn_between(start, quaternion(plan.attitude))
     return append_slew(plan, plan.frame, t, start, axis, angle, guidance, look)
+
+
+def slew_bounds(limits: Vector, frames: Vector) -> Vector:
+    """Bounds of ‖ω_d‖ [rad/s], ‖ω_d'‖ [rad/s²] and ‖ω_d''‖ [rad/s³] of slews and brakes.
+
+    Parameters
+    ----------
+    limits : tuple of 3 float
+        V [rad/s], A [rad/s²] and K [rad/s³].
+    frames : tuple of 3 float
+        Largest `frame_bounds` of the frames of all goals.
+
+    Notes
+    -----
+    In a frame that turns with f a slew turns about e with θ' ≤ V, θ'' ≤ A and θ''' ≤ K:
+
+    ω_d = θ' e + f,  ω_d' = θ'' e + f' − θ' e × f,
+    ω_d'' = θ''' e + f'' − 2 θ' e × f' − θ'' e × f + θ'² e × (e × f).
+
+    An order during a slew begins with a brake from the present ω and α relative to the new frame.
+    Its time T is the largest of 1 s, 1.5 |ω|/A and 2 |α|/K, and longer by tenths until it keeps A,
+    which it does from 2.13 |ω|/A on. Its polynomial first goes on with α. So its rate reaches at
+    most 1.2 |ω|, or |ω| + 4/27 |α| 1 s if 1 s is enough; before it has V, a slew has α² ≤ 2 K V.
+    Where frames change, α has the terms of both frames. A brake that would reach more lasts less,
+    but at least √(1.5 |ω|/A 1 s), or is refused. So its jerk is at most 6 |ω|/T² + 4 |α|/T ≤ (4 A +
+    4 |α|)/1 s. That the rate keeps its bound where frames change, too, is tested and not derived.
+    """
+    V, A, K = limits
+    f, first, second = frames
+    turning = first + V * f
+    bending = second + 2.0 * V * first + (A + V * V) * f
+    W1 = ROUNDING * (A + 3.0 * turning)
+    alpha = min(A, math.sqrt(2.0 * K * V)) + 3.0 * turning
+    W = max(_LONGER * V, V + _GOES_ON * alpha * _SHORTEST_BRAKE) + f
+    W2 = max(K, 4.0 * (A + W1) / _SHORTEST_BRAKE) + 3.0 * bending
+    return W, W1, W2
 
 
 def slew_torque(inertia: ArrayLike, rate: float, acceleration: float) -> float:

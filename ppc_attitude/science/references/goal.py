@@ -30,7 +30,7 @@ from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.component import Component
 from ppc_attitude.science.conditions import Condition, Task, advisable
 from ppc_attitude.science.guidance.cones import CONE_PARAMETERS, cones_of, unit_vector
-from ppc_attitude.science.guidance.frames import FRAME_NAMES, INERTIAL
+from ppc_attitude.science.guidance.frames import FRAME_NAMES, INERTIAL, frame_bounds
 from ppc_attitude.science.guidance.goals import (
     ACCEPTED,
     CROSSES,
@@ -50,7 +50,6 @@ from ppc_attitude.science.guidance.goals import (
     plan_stop,
     plan_to,
 )
-from ppc_attitude.science.guidance.limits import frame_bounds, slew_bounds
 from ppc_attitude.science.guidance.orders import (
     GOAL_FRAMES,
     GOAL_PARAMETERS,
@@ -63,7 +62,7 @@ from ppc_attitude.science.guidance.orders import (
     scheduled_orders,
 )
 from ppc_attitude.science.guidance.scene import scene_at, told
-from ppc_attitude.science.guidance.slew import slew_torque
+from ppc_attitude.science.guidance.slew import slew_bounds, slew_torque
 from ppc_attitude.science.guidance.trajectory import POINTS, append_profile
 from ppc_attitude.science.guidance.watch import look_out, warnings_of
 from ppc_attitude.science.hooks import Advice
