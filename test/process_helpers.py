@@ -129,6 +129,7 @@ class Node(Process):
         mark: str = "",
         file: Path = PAPER,
         remap: tuple[str, ...] = (),
+        before: tuple[str, ...] = (),
         **popen: Any,
     ) -> None:
         arguments = ["--ros-args", "--params-file", str(file)]
@@ -137,7 +138,7 @@ class Node(Process):
         for rule in remap:
             arguments += ["-r", rule]
         code = f"import sys; from ppc_attitude.nodes.executables import {name}; sys.exit({name}())"
-        command = [sys.executable, "-c", code, *arguments]  # as `ros2 run` begins it
+        command = [*before, sys.executable, "-c", code, *arguments]  # as `ros2 run` begins it
         super().__init__(start_process, folder, f"{name}{mark}", command, **popen)
 
 

@@ -77,7 +77,7 @@ _RUNS_ON = 1.0  # [s] after it is asked to end; a node that still sends has not 
 _BATCH = 0.005  # [s] messages that arrive within this time are taken together
 _CALM = 0.05  # [s] of silence after which the executor waits for the next message, at 0.5 ms each
 _LONGEST = 0.1  # [s] after which a recorder in full flow looks for signals and services
-_CALLS = 5  # of the executor at each such look: for clock, timer, services and answers
+_CALLS = 5  # of the executor at each such look: for clock, services and answers
 _LOOK_EARLY, _LOOK = 0.1, 0.25  # [s] between two looks at the graph: before a run, and during it
 
 
@@ -265,6 +265,8 @@ class BagRecorder(BaseNode):
         self._looked = self._now
         for home, topic in self._graph.look():
             self._record_topic(home, topic)
+        if self._survey:
+            self._survey.ask(self._now)
         self._tell_restarted()
         for full, (home, topic, _) in self._ears.items():
             if topic.column and self.count_publishers(full) > 1:

@@ -14,15 +14,13 @@
 
 """The nodes of a run: what they publish, by the ROS graph, and their parameters, when asked."""
 
-import time
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from itertools import chain
+from math import inf
 from typing import Any
 
 from rcl_interfaces.srv import GetParameters, ListParameters
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.exceptions import InvalidNodeNameException, InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
@@ -47,7 +45,7 @@ from ppc_attitude.nodes.parameters import with_lists
 from ppc_attitude.science.parameter import unquoted
 
 _UNSEEN = 2.5  # [s] for which a node may have been there before it is seen
-_PERIOD = 1.0  # [s] between two looks for nodes that have not told their parameters
+_PERIOD = 1.0  # [s] after which a node that has not told its parameters is asked again
 _OURS = {MARKERS_TOPIC.name, RECORDED_TOPIC.name, *(topic.name for topic in EVENTS)}
 _NAMES = {topic.name for topic in STANDARD}
 
@@ -160,14 +158,13 @@ class ParameterSurvey:
         # Namespace and name of each node that has answered, by an id that is new at each start.
         self._answered: dict[bytes, tuple[str, str]] = {}
         self._since: dict[bytes, float] = {}
-        # By the steady clock: simulated time, which a node may be told to use, may not have begun.
-        node.create_timer(_PERIOD, self._ask, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._asked: dict[bytes, float] = {}  # when each was asked last, by the wall clock [s]
 
-    def _ask(self) -> None:
+    def ask(self, now: float) -> None:
         """Ask nodes that have not answered; an answer is lost if its node ends meanwhile."""
         for end in self._node.get_publishers_info_by_topic(PARAMETER_EVENTS_TOPIC.name):
             who, start = (end.node_namespace.rstrip("/"), end.node_name), bytes(end.endpoint_gid)
-            self._since.setdefault(start, time.monotonic() - _UNSEEN)
+            self._since.setdefault(start, now - _UNSEEN)
             if who not in self._graph.nodes or start in self._answered:
                 continue
             if who not in self._clients:
@@ -177,7 +174,8 @@ class ParameterSurvey:
                     self._node.create_client(GetParameters, f"{full}/get_parameters"),
                 )
             client, _ = self._clients[who]
-            if client.service_is_ready():
+            if now - self._asked.get(start, -inf) >= _PERIOD and client.service_is_ready():
+                self._asked[start] = now
                 future = client.call_async(ListParameters.Request())
                 future.add_done_callback(partial(self._on_names, who, start))
 
