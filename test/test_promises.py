@@ -17,10 +17,11 @@
 import math
 from dataclasses import replace
 from functools import cache
+from itertools import product as pairs
 
 import numpy as np
 import pytest
-from craft_helpers import configs, guaranteed
+from craft_helpers import configs, guaranteed, pulse
 from test_guarantee import complete, values_of
 
 from ppc_attitude.analysis.truth import pointing_errors
@@ -28,7 +29,7 @@ from ppc_attitude.command_line.guarantee_view import (
     promise_lines,
     time_text,
 )
-from ppc_attitude.contract.topics import CONTROLLER, PLANT, REFERENCE
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.attitude import product
 from ppc_attitude.science.guarantee import design
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
@@ -117,6 +118,28 @@ def test_of_a_hit_that_may_make_the_craft_tumble_no_time_is_promised() -> None:
     envelope = Envelope(Bounds(*guaranteed(), FLOATS, COARSE))
     with pytest.raises(ValueError, match="may make the craft tumble: it may gain"):
         envelope.recovery(1.0, 1.0, 5e-3)
+
+
+def test_a_settled_craft_recovers_from_hits_within_the_promised_time() -> None:
+    """It gains no more, and turns no further, than the promise allows for."""
+    envelope, chance = Envelope(Bounds(*guaranteed(), FLOATS)), np.random.default_rng(1)
+    most = 0.0
+    for torque, duration in pairs((0.2, 0.5, 0.8), (0.025, 0.1)):
+        time = envelope.recovery(torque, duration, 5e-3)
+        turn, rate, _ = envelope.after_hit(torque, duration)
+        for _ in range(4):
+            begin = float(chance.uniform(60.0, 70.0))
+            hit = pulse(begin, duration, *(torque * chance.choice([-1.0, 1.0], 3)).tolist())
+            record = simulate(load(configs("paper", "guaranteed"), {INJECTOR: hit}), 85.0)
+            after = record.t >= begin
+            error = np.linalg.norm(record["attitude_error"][after, :3], axis=1)
+            assert np.abs(record["attitude_error"][record.t > begin + time, :3]).max() < 5e-3
+            struck = record.t[after] <= begin + duration + 0.01
+            assert 2.0 * np.arcsin(error[struck].max()) <= turn
+            gained = np.linalg.norm(record["rate_error"][after][struck], axis=1).max()
+            assert gained <= rate
+            most = max(most, float(gained / rate))
+    assert most > 0.8
 
 
 def test_who_begins_within_the_accuracy_is_not_promised_to_stay_there_at_once() -> None:

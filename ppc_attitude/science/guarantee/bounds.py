@@ -106,6 +106,8 @@ class Bounds:
         self.V_rate, self.a_rate = self._rates()
         self.z = body.box(law.Y)  # [rad/s] largest ‖Ĵ⁻¹y‖ in the tube
         self.B = self._allowed()  # [N·m] largest that the proof admits
+        # [N·m] D_i bounds what the law does not compensate, the effect of N and N_F included
+        self.D = self._uncompensated()
         self.Y = self._tube()  # [N·m·s] least that the proof admits
 
     def feedforward(self, rate: Number) -> Numbers:
@@ -277,12 +279,18 @@ class Bounds:
         factor = observer_spread(eta, x, weak) / (law.kappa * late)
 
         def axis(i: int) -> Number:
-            most = self._most_used[i]
-            free = (1 - eta) * most + assumed.d + self.variation[i] + assumed.dead_band
-            free = free + self._misled + self._gyroscopic
-            D = law.d_max + law.kappa * self.noise[i] + self.torque_noise[i] + free / eta
             kick = self.body.row[i] * (h * self.V_rate)
-            kick = kick + assumed.late * h * (assumed.max_torque + 5 * most)
-            return D * factor + kick
+            kick = kick + assumed.late * h * (assumed.max_torque + 5 * self._most_used[i])
+            return self.D[i] * factor + kick
+
+        return _triple(axis)
+
+    def _uncompensated(self) -> Numbers:
+        assumed, law, eta = self.assumed, self.law, self.assumed.eta
+
+        def axis(i: int) -> Number:
+            free = (1 - eta) * self._most_used[i] + assumed.d + self.variation[i]
+            free = free + assumed.dead_band + self._misled + self._gyroscopic
+            return law.d_max + law.kappa * self.noise[i] + self.torque_noise[i] + free / eta
 
         return _triple(axis)

@@ -176,7 +176,6 @@ class Envelope:
         ValueError
             The hit may make the craft tumble, or lead out of the tube without being seen as a hit.
         """
-        number, bounds = self._arithmetic.number, self._bounds
         assumed, law = self._assumed, self._law
         # A torque above this leads out of the tube in one sample, whatever law and tube have
         # against it. Nor does a weak actuator explain it, of which the law would count on less.
@@ -193,17 +192,40 @@ class Envelope:
                 f"the law may not recognise a hit of {torque:g} N·m, or take it for a weak "
                 f"actuator: a recovery time is promised only of hits above {seen:.3g} N·m"
             )
-        time = number(duration) + law.h
-        pushed = number(torque) + assumed.d + assumed.max_torque
+        phi, rate, stop = self.after_hit(torque, duration)
+        rest = self._from_event(phi, rate, accuracy, stop)
+        time = self._arithmetic.number(duration) + law.h + self._arithmetic.number(rest)
+        return self._arithmetic.outward(time)[1]
+
+    def after_hit(self, torque: float, duration: float) -> tuple[Number, Number, Number]:
+        """φ [rad], ‖ω_e‖ [rad/s] as the law is told it, and the length [s] of the stop after a hit.
+
+        They hold at the sample that follows its end, for the torque [N·m] and the duration [s] of
+        `recovery`.
+
+        Raises
+        ------
+        ValueError
+            The hit may make the craft tumble.
+        """
+        number, bounds = self._arithmetic.number, self._bounds
+        assumed, law = self._assumed, self._law
+        time, impulse = number(duration) + law.h, number(torque) * duration
+        # Until the event, after two samples at the latest, nothing is known of the law's torque;
+        # nor later if it comes late. An event brakes each axis, so only what D_i bounds still
+        # pushes, and what d̂ and N_i ask for beyond a saturated torque.
+        blind = time if assumed.late > 0 else self._arithmetic.least(2 * law.h, time)
         rate = float(law.omega0)
         for _ in range(3):  # what is gained at a rate that is known not to be passed
             feedforward = bounds.feedforward(number(rate) + assumed.W + law.z_bar)
-            gained = tuple(
-                (pushed + feedforward[i]) * time
+            besides = tuple(
+                (assumed.d + assumed.max_torque + feedforward[i]) * blind
+                + (bounds.D[i] + law.d_max + law.kappa * law.N[i]) * time
                 + law.Y[i]
                 + bounds.body.row[i] * (law.z_bar + bounds.e_w)  # as the law is told
                 for i in range(3)
             )
+            gained = tuple(impulse + each for each in besides)
             rate = self._arithmetic.outward(bounds.body.box(gained))[1]
             if rate > law.omega0:
                 raise ValueError(
@@ -211,12 +233,13 @@ class Envelope:
                     f"gain {rate:.3g} rad/s; a recovery time is promised only up to omega0 = "
                     f"{float(law.omega0):g} rad/s"
                 )
-        phi = law.z_bar / law.k + number(rate) * time
+        # Momentum that the hit has given lasts, in the mean, for half of it and a sample.
+        turned = (impulse * (number(duration) / 2 + law.h) + each * time for each in besides)
+        phi = law.z_bar / law.k + bounds.body.box(tuple(turned))
         # The momentum is known by axis, which ends the stop sooner than the rate alone would.
         left = (law.B[i] - feedforward[i] - bounds.torque_noise[i] for i in range(3))
-        stop = most(*(momentum / torque for momentum, torque in zip(gained, left, strict=True)))
-        rest = self._from_event(phi, number(rate), accuracy, stop)
-        return self._arithmetic.outward(time + number(rest))[1]
+        stops = (momentum / each for momentum, each in zip(gained, left, strict=True))
+        return phi, number(rate), self._arithmetic.largest(*stops)
 
     def speed_above(self, phi: Number, cap: Number, a: Number, offset: Number) -> Number:
         """Return an upper bound of f(φ; V) with a deceleration a: the lesser of g and V.
