@@ -37,10 +37,13 @@ from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, RECORDER, 
 from ppc_attitude.simulation.closed_loop import simulate, warm_up
 from ppc_attitude.simulation.scenario import load
 
+long = pytest.mark.long
+_HOSTS = "10.9.0.1", "10.9.0.2"
 _ALONE = ["unshare", "--net", "--map-root-user"]
 _INSIDE = ["nsenter", "--net", "--user", "--preserve-credentials", "--target"]
 _FRAME = 65536  # [bytes] more than the longest
 _LOSS = 0.03  # of the frames
+_MULTICAST = b"\x01\x00\x5e"  # how such a frame by IPv4 begins
 _AMID = 2000  # frames that are carried when the run is under way
 
 
@@ -61,13 +64,14 @@ class _Cable(Thread):
         self._other = dict(zip(ends, reversed(ends), strict=True))
         self._chance = random.Random(1)
         self.carried = self.lost = 0
-        self.out = self.ended = False
+        self.out = self.no_multicast = self.ended = False
 
     def run(self) -> None:
         while not self.ended:
             for end in select.select(self._other, [], [], 0.1)[0]:
                 frame = os.read(end, _FRAME)
-                if self.out or self._chance.random() < _LOSS:
+                refused = self.no_multicast and frame.startswith(_MULTICAST)
+                if refused or self.out or self._chance.random() < _LOSS:
                     self.lost += 1
                 else:
                     self.carried += 1
@@ -84,7 +88,7 @@ def _two_hosts(
     inside, ends = [], []
     with socket.create_server(listener, family=socket.AF_UNIX) as server:
         server.settimeout(60.0)
-        for address in ("10.9.0.1", "10.9.0.2"):
+        for address in _HOSTS:
             process = start_process([*host, address], stdin=subprocess.PIPE)
             connection, _ = server.accept()
             with connection:
@@ -103,18 +107,31 @@ def _two_hosts(
 
 @pytest.mark.ros
 @pytest.mark.skipif(not _can_make_hosts(), reason="no hosts with a cable can be made here")
-@pytest.mark.parametrize("out", [0.0, pytest.param(10.0, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    ("peers", "out"),
+    [
+        ("", 0.0),
+        pytest.param("", 10.0, marks=long),
+        pytest.param(";".join(_HOSTS), 0.0, marks=long),
+    ],
+)
 def test_lockstep_is_exact_across_hosts(
-    out: float, tmp_path: Path, start_process: StartProcess, monkeypatch: pytest.MonkeyPatch
+    peers: str,
+    out: float,
+    tmp_path: Path,
+    start_process: StartProcess,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Craft and disturbances are on one host, all else on the other; no message stays lost.
 
-    The cable may be out for some time [s] amid the run.
+    The cable may be out for some time [s] amid the run, or carry no multicast to named peers.
     """
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    monkeypatch.setenv("ROS_STATIC_PEERS", peers)
     warm_up(load([PAPER]))
     bag, recorded = tmp_path / "bag", "wait_for_recorder:=true"
     with _two_hosts(tmp_path, start_process) as ((space, ground), cable):
+        cable.no_multicast = bool(peers)
 
         def start(name: str, *parameters: str, before: tuple[str, ...]) -> Node:
             return Node(start_process, tmp_path, name, *parameters, before=before)
