@@ -18,10 +18,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from craft_helpers import configs
 
+from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Parameter, Value, exact_text, record_type, resolved
 from ppc_attitude.science.sensors.direct import SEED
+from ppc_attitude.simulation.scenario import load
 
 GAIN = Parameter("gain", 1.0, "a gain", "N·m", above=0.0, high=10.0)
 STEPS = Parameter("steps", 3, "a number", low=0, high=5)
@@ -32,6 +35,10 @@ AXIS = Parameter("axis", [0.0, 0.0, 1.0], "a vector", length=3, low=-1.0, high=1
 TIMES = Parameter("times", [], "any number of numbers", low=0.0)
 TORQUES = Parameter("torques", [], "three a time", length=-3)
 LAWS = Parameter("laws", ["a"], "choices", choices=("a", "b"))
+SLOW = {"rate": 7.0, "thrusters.period": 1.0 / 7.0}
+WEAK = dict.fromkeys(("momentum_tube.brake", "momentum_tube.B"), [0.04] * 3) | {
+    "max_torque": 0.04712835
+}
 TABLE = (GAIN, STEPS, ON, LAW, PLACE, AXIS, TIMES, TORQUES, LAWS)
 
 
@@ -112,6 +119,33 @@ def test_an_allowed_limit_is_itself_allowed() -> None:
     told = [float(each) for each in re.findall(r"[≥≤] (\S+?)(?:,|$)", turn.allowed)]
     assert [turn.checked(each) for each in told] == [turn.low, turn.high]
     assert exact_text(1e-9) == "1e-09"
+
+
+def own(name: str, number: float) -> dict[str, Any]:
+    """Value of a parameter that another one limits: one number, or one for each part."""
+    if name == "faults":
+        return {name: [f"actuator/x stuck 0 for {number!r}"]}
+    return {name: [number] if name.startswith("wheels.") else number}
+
+
+@pytest.mark.parametrize(
+    ("overlay", "node", "given", "name", "bad", "limit"),
+    [
+        ("paper", PLANT, {"rate": 7.0}, "faults", 0.1, 1.0 / 7.0),
+        ("wheels", PLANT, {"wheels.max_speed": [430.3906]}, "wheels.initial_speed", 1e3, 430.3906),
+        ("wheels", PLANT, {"wheels.coulomb": [7.3153014e-4]}, "wheels.static", 0.0, 7.3153014e-4),
+        ("thrusters", PLANT, SLOW, "thrusters.min_on_time", 1.0, 1.0 / 7.0),
+        ("guaranteed", CONTROLLER, WEAK, "momentum_tube.B_ramp", 1.0, 0.04712835),
+    ],
+)
+def test_a_limit_that_another_parameter_sets_is_itself_allowed_too(
+    overlay: str, node: str, given: dict[str, Any], name: str, bad: float, limit: float
+) -> None:
+    """`for 0.142857` of a fault was refused as less than 0.142857."""
+    with pytest.raises(ConfigurationError) as raised:
+        load(configs("paper", overlay), {node: {**given, **own(name, bad)}})
+    assert f" {limit!r}" in str(raised.value)
+    load(configs("paper", overlay), {node: {**given, **own(name, limit)}})
 
 
 def refusal(parameter: Parameter, value: Any) -> str:

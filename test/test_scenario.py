@@ -137,6 +137,7 @@ def test_an_error_names_the_file_that_does_not_go_with_those_before(tmp_path: Pa
         ([typing_error, orbit], typing_error),
         ([wheels, thrusters, orbit], thrusters),
         ([CONFIG / "faults.yaml", wheels, thrusters], thrusters),
+        ([wheels, thrusters, typing_error], typing_error),  # which is told before that of thrusters
     ):
         with pytest.raises(ConfigurationError) as raised:
             load(paths)

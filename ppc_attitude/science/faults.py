@@ -30,7 +30,7 @@ import numpy as np
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.hooks import PART
 from ppc_attitude.science.kernel import kernel
-from ppc_attitude.science.parameter import Parameter, record_type
+from ppc_attitude.science.parameter import Parameter, exact_text, record_type
 from ppc_attitude.science.stamps import LATEST, nanoseconds, span
 
 MOST_FAULTS = 16
@@ -156,7 +156,7 @@ def _number(text: str, name: str, word: str, low: float, high: float, unit: str)
     except ValueError:
         number = math.nan
     if not low <= number <= high:
-        allowed = f"a number from {low:g} to {high:g} {unit}".rstrip()
+        allowed = f"a number from {exact_text(low)} to {exact_text(high)} {unit}".rstrip()
         raise ConfigurationError(f"{FAULTS.name}: {text!r}: {name} {word}; allowed: {allowed}")
     return number
 

@@ -40,7 +40,7 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
-from ppc_attitude.science.parameter import Parameter, at_start, record_type
+from ppc_attitude.science.parameter import Parameter, at_start, exact_text, record_type
 from ppc_attitude.science.stamps import whole_steps
 
 STANDARD_GRAVITY = 9.80665  # g0 [m/s²]
@@ -153,8 +153,8 @@ def thruster_record(values: Mapping[str, Any]) -> Any:
     record["period"] = whole_steps(PERIOD.name, values[PERIOD.name], values["rate"])
     if values[MIN_ON_TIME.name] > values[PERIOD.name]:
         raise ConfigurationError(
-            f"{MIN_ON_TIME.name} = {values[MIN_ON_TIME.name]:g} s; allowed: at most "
-            f"{PERIOD.name} = {values[PERIOD.name]:g} s"
+            f"{MIN_ON_TIME.name} = {exact_text(values[MIN_ON_TIME.name])} s; allowed: "
+            f"at most {PERIOD.name} = {exact_text(values[PERIOD.name])} s"
         )
     record["min_on_time"] = values[MIN_ON_TIME.name]
     record["carries"] = values[CARRY.name]

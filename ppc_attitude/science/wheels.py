@@ -30,7 +30,7 @@ from ppc_attitude.science.component import BODY, MAX_WHEELS, WHEEL_SPEEDS, WHEEL
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import OF_A_TORQUE, Failure, How
 from ppc_attitude.science.kernel import ZERO, Vector, add, kernel, scale, vector
-from ppc_attitude.science.parameter import RATE, Parameter, at_start, record_type
+from ppc_attitude.science.parameter import RATE, Parameter, at_start, exact_text, record_type
 
 _S = 3.0**-0.5
 AXES = at_start(
@@ -201,20 +201,20 @@ def _check(record: Any, i: int) -> None:
     speed, largest = abs(record["initial_speed"][i]), record["max_speed"][i]
     if speed > largest:
         raise ConfigurationError(
-            f"{INITIAL_SPEED.name} = {speed:g} rad/s of wheel {i}; allowed: at most "
-            f"{MAX_SPEED.name} = {largest:g}"
+            f"{INITIAL_SPEED.name} = {exact_text(speed)} rad/s of wheel {i}; allowed: at most "
+            f"{MAX_SPEED.name} = {exact_text(largest)}"
         )
     static, coulomb = record["static"][i], record["coulomb"][i]
     if static < coulomb:
         raise ConfigurationError(
-            f"{STATIC.name} = {static:g} N·m of wheel {i}; allowed: at least {COULOMB.name} = "
-            f"{coulomb:g}"
+            f"{STATIC.name} = {exact_text(static)} N·m of wheel {i}; allowed: at least "
+            f"{COULOMB.name} = {exact_text(coulomb)}"
         )
     resistance = max(static, coulomb + record["viscous"][i] * largest)
     if resistance >= record["max_torque"][i]:
         raise ConfigurationError(
-            f"{MAX_TORQUE.name} = {record['max_torque'][i]:g} N·m of wheel {i}; allowed: more than "
-            f"its largest friction of {resistance:g} N·m"
+            f"{MAX_TORQUE.name} = {exact_text(record['max_torque'][i])} N·m of wheel {i}; allowed: "
+            f"more than its largest friction of {exact_text(resistance)} N·m"
         )
     see_that_a_step_follows(record, i)
 

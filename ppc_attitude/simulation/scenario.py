@@ -16,7 +16,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -297,21 +296,29 @@ def load(paths: Sequence[Path | str], overrides: NodeParameters | None = None) -
     Raises
     ------
     ConfigurationError
-        See `read_files` and `scenario`. It names the file with which the error begins; those before
-        it are accepted together.
+        See `read_files` and `scenario`. It names the file with which this error begins; those
+        before it are accepted together, or have another one.
     """
     chosen = _overridden(paths, overrides)
     try:
         return scenario(chosen)
     except ConfigurationError as error:
         for count in reversed(range(len(paths))):
-            with suppress(ConfigurationError):
-                scenario(_overridden(paths[:count], overrides))
+            if _refusal(_overridden(paths[:count], overrides)) != str(error):
                 break
         else:
             raise
         since = f"the error begins with configuration file {paths[count]}"
         raise ConfigurationError(f"{error}; {since}") from None
+
+
+def _refusal(chosen: NodeParameters) -> str:
+    """Why given parameters are refused; empty if they are not."""
+    try:
+        scenario(chosen)
+    except ConfigurationError as error:
+        return str(error)
+    return ""
 
 
 def idle_parameters(paths: Sequence[Path | str], found: Scenario) -> list[str]:

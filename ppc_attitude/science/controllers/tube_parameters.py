@@ -25,7 +25,7 @@ import numpy as np
 from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.inertia import inertia_matrix
-from ppc_attitude.science.parameter import Parameter, record_type
+from ppc_attitude.science.parameter import Parameter, exact_text, record_type
 
 PREFIX = "momentum_tube."
 LAW, LAW_AHEAD = "momentum_tube", "momentum_tube_ahead"
@@ -208,7 +208,7 @@ def configure(values: Mapping[str, Any]) -> Any:
         if record[name].max() > record["max_torque"]:
             raise ConfigurationError(
                 f"{PREFIX}{name} = {record[name].tolist()} N·m; allowed: at most max_torque = "
-                f"{values['max_torque']:g} N·m"
+                f"{exact_text(values['max_torque'])} N·m"
             )
     return record
 
