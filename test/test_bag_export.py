@@ -78,8 +78,11 @@ def test_csv_reads_back_to_the_last_bit(tmp_path: Path, monkeypatch: pytest.Monk
     assert rows[7][names.index("torque_command_x")] == ""
 
 
-def test_a_run_and_its_bag_have_one_table_with_every_number(tmp_path: Path) -> None:
-    run = simulate(case("sensors_smallsat", "wheels"), 0.5)
+@pytest.mark.parametrize("duration", [0.5, 0.05])  # in the second no fix has an innovation
+def test_a_run_and_its_bag_have_one_table_with_every_number(
+    duration: float, tmp_path: Path
+) -> None:
+    run = simulate(case("sensors_smallsat", "wheels"), duration)
     write_run(run, tmp_path / "bag")
     read = read_run(tmp_path / "bag")
     assert read.missing == {}  # not the fixes, which come seldom

@@ -95,11 +95,15 @@ class Loop:
         """
         self._diagram.restart(scenario.parameters)
         samples = self._diagram.run(self._stamps_ns, self._samples)
+        columns = by_column(self._diagram.columns, self._stamps_ns, samples)
+        for each in self._diagram.columns:
+            if each.late and np.isnan(columns[each.name]).all():
+                del columns[each.name]  # of which a bag has no message either
         return RunRecord(
             source="simulate",
             controller=scenario.controller.name,
             stamps_ns=self._stamps_ns,
-            columns=by_column(self._diagram.columns, self._stamps_ns, samples),
+            columns=columns,
             # In process every instant waits for its answers, whatever the nodes would do.
             parameters={
                 **scenario.parameters,

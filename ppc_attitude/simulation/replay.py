@@ -142,7 +142,7 @@ def _see_that_it_can_be_played(
     """Raise ConfigurationError if a component cannot run: a bag may lack what it reads."""
     columns = _columns(record)
     # What comes late may never have come.
-    needed = (*component.inputs, *(each for each in compared if not each.late))
+    needed = (each for each in (*component.inputs, *compared) if not each.late)
     if absent := [each.topic for each in needed if each.name not in columns]:
         raise ConfigurationError(f"no messages of {', '.join(absent)}")
     if not component.inputs and (last := seconds(int(record.stamps_ns[-1]))) > LATEST:
@@ -156,10 +156,16 @@ def _see_that_it_can_be_played(
         )
     check_slots(component)
     for column in component.inputs:
-        if column.late and _is_astray(record, columns[column.name], NODE_OF[kind.name]):
+        if column.late and _is_astray(record, _sent(record, column), NODE_OF[kind.name]):
             raise ConfigurationError(
                 f"{column.topic} came at other times than parameters of {NODE_OF[kind.name]} say"
             )
+
+
+def _sent(record: RunRecord, column: Column) -> Array:
+    """Samples of a late column, which is on no record if none of it came."""
+    none = np.full((record.stamps_ns.size, column.width - 1), np.nan)
+    return record.columns.get(column.name, none)
 
 
 def _is_astray(record: RunRecord, rows: Array, node: str) -> bool:
@@ -295,7 +301,7 @@ def _read(record: RunRecord, component: Component, values: Mapping[str, Any]) ->
     if not component.inputs:
         return np.zeros((0, stamps.size))
     rows = [
-        _arrived(each, columns[each.name], stamps.tolist(), values)
+        _arrived(each, _sent(record, each), stamps.tolist(), values)
         if each.late
         else columns[each.name]
         for each in component.inputs
