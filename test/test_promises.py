@@ -18,12 +18,14 @@ import math
 from dataclasses import replace
 from functools import cache
 from itertools import product as pairs
+from typing import Any
 
 import numpy as np
 import pytest
 from craft_helpers import configs, guaranteed, pulse
 from test_guarantee import complete, values_of
 
+from ppc_attitude.analysis.guarantee import nodes_around
 from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.command_line.guarantee_view import (
     promise_lines,
@@ -46,6 +48,7 @@ from ppc_attitude.science.guarantee.certificate import Certificate, Promise, cer
 from ppc_attitude.science.guarantee.design import Wishes, designed
 from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.guarantee.fixed_point import InfeasibleError, tuned
+from ppc_attitude.science.guarantee.surroundings import suspensions
 from ppc_attitude.science.guidance.rotation import about
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
@@ -112,6 +115,23 @@ def test_of_a_hit_that_may_not_be_seen_no_time_is_promised() -> None:
     assert max(narrow.Y) / 0.05 + 4.0 * max(narrow.Y) + 3.0 * 2e-4 < 0.007
     with pytest.raises(ValueError, match=r"is promised only of hits above 0\.051\d N·m"):
         Envelope(Bounds(quiet, narrow, FLOATS, COARSE)).recovery(0.05, 0.1, 5e-3)
+
+
+def test_scheduled_pulses_beyond_the_assumed_disturbance_are_told() -> None:
+    """A time was promised for a start amid which the craft is hit, without a word of that."""
+
+    def told(duration: float, **injector: Any) -> list[str]:
+        base = load(configs("paper", "guaranteed", "sudden_disturbance"), {INJECTOR: injector})
+        return [*suspensions(guaranteed()[0], nodes_around(base.parameters), duration)]
+
+    assert len(told(120.0)) == 1
+    assert "reach 0.5044 N·m from 20 s on, by a scheduled pulse" in told(120.0)[0]
+    assert told(20.0) == []  # when it begins, the run is over
+    overlapping = {"pulse_times": [5.0, 4.0], "pulse_durations": [1.0, 2.0]}
+    weak = {"environment": "none", "pulse_torques": [0.003, 0.0, 0.0, 0.0, 0.004, 0.0]}
+    assert told(120.0, **overlapping, **weak) == []
+    weak["pulse_torques"] = [0.003, 0.0, 0.0, 0.002, 0.0, 0.0]
+    assert "reach 0.005 N·m from 5 s on" in told(120.0, **overlapping, **weak)[0]
 
 
 def test_of_a_hit_that_may_make_the_craft_tumble_no_time_is_promised() -> None:

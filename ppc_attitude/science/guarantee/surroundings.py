@@ -17,12 +17,14 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 
 from ppc_attitude.science.controllers.momentum_tube import LANDED
 from ppc_attitude.science.controllers.tube_parameters import LAW_AHEAD
+from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.estimators.steady_state import first_knowledge
@@ -43,6 +45,7 @@ from ppc_attitude.science.kinds import ENVIRONMENTS, REFERENCES
 from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.science.sensors.gyro_star_tracker import INITIAL_FIX
 from ppc_attitude.science.sensors.star_tracker import slots
+from ppc_attitude.science.stamps import seconds
 
 _HORIZON = 3600.0  # [s] for which a design looks at the reference, unless a run is longer
 _DOUBT = "whether it keeps the assumed bounds is not known"
@@ -150,9 +153,11 @@ def suspensions(assumed: Assumptions, nodes: Nodes, duration: float) -> Iterator
     """Yield what may suspend the promise in a flight of some duration [s].
 
     Without fixes the filter's covariance grows beyond the assumed errors, and the torque of the
-    environment lets the momentum of a craft with wheels grow, beyond what they can hold.
+    environment lets the momentum of a craft with wheels grow, beyond what they can hold. A
+    scheduled pulse adds to that torque, beyond the assumed one.
     """
     plant, torque = nodes.plant, nodes.torque_bound
+    yield from _hit(assumed, nodes, duration)
     if has_wheels(plant):
         first = first_momentum(plant, plant[rigid_body.INITIAL_RATE.name])
         last = math.inf if torque is None else first + torque * duration
@@ -183,6 +188,22 @@ def suspensions(assumed: Assumptions, nodes: Nodes, duration: float) -> Iterator
     for name in ("blinding_times", "dropout_probability"):
         if plant[f"star_tracker.{name}"]:
             yield f"{held}{name} = {plant[f'star_tracker.{name}']} removes some"
+
+
+def _hit(assumed: Assumptions, nodes: Nodes, duration: float) -> Iterator[str]:
+    """Yield which scheduled pulse is the first that may be beyond the assumed disturbance."""
+    pulses = scheduled_pulses(nodes.injector)
+    for hit in sorted(pulses, key=itemgetter("start_ns")):
+        at = seconds(int(hit["start_ns"]))
+        together = [each for each in pulses if each["start_ns"] <= hit["start_ns"] < each["end_ns"]]
+        torque = float(np.abs([each["torque"] for each in together]).sum(axis=0).max())
+        reached = torque + (nodes.torque_bound or 0.0)
+        if at < duration and reached > assumed.d:
+            yield (
+                f"the disturbance may reach {reached:.4g} N·m from {at:g} s on, by a scheduled "
+                f"pulse; assumed: d = {assumed.d:g}. The promise begins anew after each such hit"
+            )
+            return
 
 
 def fastest_of(assumed: Assumptions, law: Law) -> float:
