@@ -162,6 +162,15 @@ def test_a_hit_is_believed_at_its_second_sample() -> None:
     assert np.abs(rows[:, 0]).max() < 0.01
 
 
+def test_a_gyro_that_was_saturated_does_not_lead_the_estimate_away_for_ever() -> None:
+    """With steps of half a second it grew beyond all numbers, also once the gyro was well again."""
+    settings, memory = observer(1.0), new_record(MEMORY)
+    for k in range(100):
+        measured = (20.0, 10.0, -20.0) if 20 <= k < 30 else ZERO
+        rate = observe(settings, memory, stamp_of(k, 2.0), measured)
+    assert np.abs(rate).max() < 1e-3
+
+
 def test_the_last_torque_is_not_taken_to_act_over_a_gap() -> None:
     """An actuator that hears nothing for half a second gives none; so the rate was far off."""
     rates = np.zeros((200, 3))

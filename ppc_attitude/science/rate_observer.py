@@ -51,6 +51,7 @@ from ppc_attitude.science.kernel import (
     kernel,
     matrix,
     multiply,
+    norm,
     pointer_to,
     quaternion,
     scale,
@@ -105,6 +106,7 @@ MEMORY = record_type(
     ("gaps", np.int64),  # how many gaps without an attitude are over
 )
 _SURPRISE = 5.0  # σ of a sample
+_LOST = 1.0  # [rad] in a step; below it ½ Δt ‖J⁻¹ (ω̂ × J ω̂)‖ is less than ‖ω̂‖/3
 _HELD = 0.5  # [s] after which an actuator that hears nothing gives no torque
 _WIDE = 3.0  # σ of d̂'s own noise that its limit must leave room for
 
@@ -155,8 +157,9 @@ def observe(observer: Any, memory: Any, stamp_ns: int, measured: Vector) -> Vect
 
     a = J⁻¹ (τ + d̂ − ω̂ × J ω̂), ω⁻ = ω̂ + Δt a, r = ω_k − ½ (ω⁻ + ω̂), p = e^{−ω_n Δt};
     ω̂ ← ω⁻ + (1 − p²) r and d̂ ← d̂ + J_ii (1 − p)²/Δt · r with r bounded by ±g. Two residuals
-    beyond g in a row are a hit: then ω̂ starts anew from the measurement, and d̂ stays. So it does
-    after a gap, over which nobody knows the torque that acted.
+    beyond g in a row are a hit: then ω̂ starts anew from the measurement, ½ Δt a further on, and
+    d̂ stays; a is left out where ω̂ was so wrong that its ω̂ × J ω̂ could only lead away. So it
+    starts after a gap, too, over which nobody knows the torque that acted.
     """
     h = seconds(stamp_ns - memory.stamp_ns)
     is_gap = 0.0 < 2.0 * memory.step < h and h > _HELD
@@ -183,7 +186,8 @@ def observe(observer: Any, memory: Any, stamp_ns: int, measured: Vector) -> Vect
     g = add((noise, noise, noise), divide((room, room, room), moments))
     surprised = abs(r[0]) > g[0] or abs(r[1]) > g[1] or abs(r[2]) > g[2]
     if surprised and memory.surprised != 0.0:
-        rate = add(measured, scale(0.5 * h, acceleration))
+        turned = h * norm(before)
+        rate = add(measured, scale(0.5 * h, acceleration)) if turned < _LOST else measured
     else:
         if observer.frequency * h != memory.exponent:
             memory.exponent = observer.frequency * h
