@@ -82,6 +82,17 @@ def test_attitude_that_begins_inside_a_cone_is_warned_of_at_once() -> None:
     ]
 
 
+def test_refusal_does_not_hide_that_the_motion_which_goes_on_is_inside_a_cone() -> None:
+    """The warning counted as told with the answer to the order, which did not contain it."""
+    inside, behind = ([0.0, 0.0, 1.0], "0 0 1", 0.5), ([0.0, 0.0, 1.0], "0 0 -1", 0.5)
+    goal = (0.0, "inertial", [1.0, 0.0, 0.0, 0.0])
+    part = part_of(**cones(inside, behind), **goals(goal))
+    ((_, text, warning),) = said(part, np.arange(0.0, 60.0))
+    assert warning
+    assert text.startswith("order 1 is refused: ")
+    assert text.endswith("; the desired motion is inside keep-out cone 0")
+
+
 def test_cone_that_is_widened_in_flight_is_looked_for_anew() -> None:
     goal = goals((1.0, "inertial", [0.6, 0.0, 0.0, 0.8]))  # 73.7° about x
     narrow, wide = (

@@ -286,7 +286,8 @@ def advice(state: Any) -> Advice:
             measured=math.degrees(measured) if degrees else measured,
             allowed=math.degrees(allowed) if degrees else allowed,
         )
-        return Advice(f"order {number} is refused: {reason}", warning=True)
+        text = f"order {number} is refused: {reason}"
+        return Advice(f"{text}; {concern}" if concern else text, warning=True)
     plan = state["plans"][state["active"]]
     legs = plan["legs"][: plan["count"]]
     turned = math.degrees(sum(float(leg["profile"][0]) for leg in legs if leg["axis"].any()))
