@@ -98,6 +98,15 @@ def test_of_a_weak_scheduled_hit_counts_what_the_record_has_of_it(given, found):
     assert [(each.start_s, each.duration_s) for each in pulses_of(run, ACTUATOR)] == found
 
 
+@pytest.mark.parametrize("torque", [(0.003, 0.002, 0.001), (-0.007, 0.0, 0.0), (0.8, 0.8, 0.8)])
+def test_a_scheduled_hit_may_begin_with_the_record_whatever_the_environment_is(torque):
+    """A weak one was taken for the environment, and its end for a hit that lasted to the end."""
+    begun, later = pulses_of(scheduled((0.0, 1.2, torque), (20.0, 0.1, (0.8, 0.8, 0.8))), ACTUATOR)
+    assert (begun.start_s, begun.duration_s) == (0.0, 1.2)
+    assert begun.torque == pytest.approx(torque, abs=1e-6)
+    assert (later.start_s, later.duration_s) == (20.0, 0.1)
+
+
 def test_a_schedule_acts_until_it_is_changed_in_flight():
     changes = (Change(11_000_000_000, INJECTOR, "pulse_torques", [0.0, 5e-4, 0.0]),)
     run = scheduled((10.0, 2.0, WEAK), changes=changes)

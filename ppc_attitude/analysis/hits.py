@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ppc_attitude.analysis.envelopes import Envelope
-from ppc_attitude.analysis.pulses import SMALLEST_STEP, Pulse, find_pulses
+from ppc_attitude.analysis.pulses import LARGEST_ENVIRONMENT, SMALLEST_STEP, Pulse, find_pulses
 from ppc_attitude.analysis.series import Mask, elapsed, has, step, vectors
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import DISTURBANCE, INJECTOR
@@ -52,8 +52,14 @@ def pulses_of(record: RunRecord, actuator: float) -> tuple[Pulse, ...]:
     bound = _environment_bound(record)
     if has(record, ENVIRONMENT_TORQUE.name):
         torque, bound = torque - vectors(record, ENVIRONMENT_TORQUE.name), 0.0
-    least = SMALLEST_STEP * actuator
-    weak = [each for each in scheduled(record) if all(abs(x) <= least for x in each.torque)]
+    least = first = SMALLEST_STEP * actuator
+    if bound != 0.0:  # with which a record begins could be the environment, or hidden by it
+        first = 2.0 * max(LARGEST_ENVIRONMENT * actuator, bound or 0.0)
+    weak = [
+        each
+        for each in scheduled(record)
+        if np.abs(each.torque).max() <= (least if each.start_s > t[0] else first)
+    ]
     for each in weak:  # beside a step of another pulse it would count as part of that step
         acts = (t >= each.start_s) & (np.round(t - each.start_s, 9) < each.duration_s)
         torque = torque - np.multiply.outer(acts, each.torque)
