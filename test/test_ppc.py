@@ -312,3 +312,12 @@ def test_the_smallest_envelope_gives_numbers_and_a_smaller_one_is_refused(prefix
     assert np.isfinite(simulate(paper(1e-30), 0.5)["torque_command"]).all()
     with pytest.raises(ConfigurationError, match=r"terminal = 1e-160.*; allowed: finite, ≥ 1e-30"):
         paper(1e-160)
+
+
+def test_the_smallest_sigma_keeps_the_cross_term_a_number_however_small_the_weight_is() -> None:
+    def paper(sigma: float) -> Any:
+        return load(configs("paper")).with_values("ppc_controller", sigma=sigma, k2=5e-324)
+
+    assert np.isfinite(simulate(paper(1e-30), 0.5)["torque_command"]).all()
+    with pytest.raises(ConfigurationError, match=r"sigma = 5e-324; allowed: finite, ≥ 1e-30"):
+        paper(5e-324)

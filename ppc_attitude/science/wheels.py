@@ -53,7 +53,7 @@ INERTIA = _of_each(
 MAX_TORQUE = _of_each(
     "wheels.max_torque", 0.05, "largest motor torque of each wheel", "N·m", above=0.0
 )
-MAX_SPEED = _of_each("wheels.max_speed", 628.3, "largest speed of each wheel", "rad/s", above=0.0)
+MAX_SPEED = _of_each("wheels.max_speed", 628.3, "largest speed of each wheel", "rad/s", low=1e-30)
 INITIAL_SPEED = _of_each(
     "wheels.initial_speed",
     0.0,

@@ -97,7 +97,8 @@ GAINS = (
     Parameter("F2", 1.0, "scale F2 of the rate barrier", above=0.0),
     Parameter("k1", 1.0, "weight k1 of the attitude barrier", above=0.0),
     Parameter("k2", 1.0, "weight k2 of the rate barrier", above=0.0),
-    Parameter("sigma", 0.0113, "σ that keeps the cross term's denominator from zero", above=0.0),
+    # No smaller one, whose inverse is no number.
+    Parameter("sigma", 0.0113, "σ that keeps the cross term's denominator from zero", low=1e-30),
 )
 PARAMETERS = (
     INERTIA,
