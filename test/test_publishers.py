@@ -60,6 +60,7 @@ def test_messages_whose_numbers_the_middleware_does_not_tell_prove_nothing() -> 
     publishers = Publishers()
     for _, stamp in alternating(1, 1):
         publishers.hear(None, stamp, 0.0)
+    assert publishers.unnumbered
     assert not publishers.several
 
 

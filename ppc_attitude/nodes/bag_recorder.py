@@ -343,6 +343,9 @@ class BagRecorder(BaseNode):
                 text = f"{count} messages of {self._names[home, name]} are not judged: their stamps"
                 why = "are not later than an earlier one; only at stamp 0 may time begin again"
                 self.get_logger().warning(f"{text} {why}")
+        if any(recording.unnumbered() for recording in self._recordings.values()):
+            text = "this middleware numbers no messages: a second publisher would go unnoticed"
+            self.get_logger().warning(text)
         if self._survey:
             self._survey.close()
         if gaps:

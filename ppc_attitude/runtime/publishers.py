@@ -54,6 +54,8 @@ class Publishers:
     def __init__(self) -> None:
         self.newest: tuple[float, int] | None = None
         """When the one that came last first spoke, by the wall clock [s], and its stamp [ns]."""
+        self.unnumbered = False
+        """True if messages came without a number: then nobody can tell several publishers."""
         self._known: list[_Publisher] = []  # the one that spoke last first
         self._proof = 0
         self._proved_at = self._last_proof = 0.0
@@ -84,6 +86,7 @@ class Publishers:
         Not every middleware tells the number; without it a message proves nothing.
         """
         if number is None:
+            self.unnumbered = True
             return
         known = self._known
         goes_on = bool(known) and known[0].number == number - 1  # from the one that spoke last

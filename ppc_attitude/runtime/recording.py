@@ -389,6 +389,10 @@ class Recording:
         if name in self._lanes:
             self._lanes[name].publishers.see(nodes, now)
 
+    def unnumbered(self) -> bool:
+        """True if messages came without a number of their publisher (`Publishers.unnumbered`)."""
+        return any(lane.publishers.unnumbered for lane in self._lanes.values())
+
     def surplus(self) -> dict[str, int]:
         """How many messages of each topic came beside the first one of their instant."""
         return {name: lane.surplus for name, lane in self._lanes.items() if lane.surplus}

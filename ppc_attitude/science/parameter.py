@@ -264,7 +264,7 @@ def filled(kind: np.dtype[Any], values: Any, group: str = "", **made: Any) -> An
 def exact_text(limit: float) -> str:
     """Write a limit short if no digit is lost: a rounded limit might itself not be allowed."""
     short = f"{limit:g}"
-    return short if float(short) == limit else repr(float(limit))
+    return short if float(short) == limit else str(limit)
 
 
 def unquoted(value: Any) -> Any:
