@@ -216,6 +216,21 @@ def test_strangers_who_send_no_stamp_end_no_record(names: tuple[str, ...]) -> No
         assert all(bag.steps(each) == others for each in ALL if each not in names)
 
 
+@pytest.mark.parametrize("name", ALL)
+def test_a_stamp_of_zero_before_a_repeated_message_ends_no_record(name: str) -> None:
+    """A plant that waits repeats its state, and every peer its answers: also what is not new."""
+    bag = Bag()
+    bag.run(range(20))
+    bag.take(name, 0, b"0 without a stamp")
+    for repeated, step in ((STATE, 19), (TORQUE, 19), (AHEAD, 19), (AHEAD, 20)):
+        bag.take(repeated, step)
+    bag.run(range(20, 40))
+    assert bag.gaps() == []
+    others = {each: bag.steps(each) for each in ALL if each != name}
+    assert all(steps == list(range(40)) for steps in others.values())
+    assert {*bag.steps(name)} == {*range(40)}
+
+
 def test_who_joins_a_run_begins_with_the_first_state_that_it_hears() -> None:
     bag = Bag()
     bag.take(TORQUE, 6)

@@ -26,11 +26,10 @@ from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from itertools import zip_longest
 from math import inf
-from statistics import median_low
 
-from ppc_attitude.contract.run_record import STEADY
 from ppc_attitude.contract.topics import ATTITUDE, TRUE_ATTITUDE
 from ppc_attitude.runtime.publishers import Publishers
+from ppc_attitude.runtime.rhythm import Rhythm
 from ppc_attitude.science.stamps import seconds
 
 _LEAD = ATTITUDE.name
@@ -40,64 +39,9 @@ _EVERY = 100  # states between two reports of how far the record has come
 _REMEMBERED = 50_000  # states: a reader keeps as many messages, which may come after their states
 _JOINS = 2.0  # [s] by the wall clock in which a recorder that joins a run may hear no state yet
 _FEW = 10  # instants beyond the last state: a stranger's stamps, or the last answers
-_FIRST = 9  # steps whose median is the rhythm: the first one alone may be of any length
-_MOST_JUMPS = 5  # that are told one by one
+_JUST_BEGUN = 3  # instants: the second one may be among the latest two
 
 Write = Callable[[str, int, bytes], None]
-
-
-class _Rhythm:
-    """The steps from state to state, and which of them are longer than usual."""
-
-    def __init__(self) -> None:
-        self._period = 0  # [ns]; 0 until it is known
-        self._steps: list[tuple[int, int]] = []  # pairs of states that are not yet weighed
-        self._weighed = self._steady = self._jumped = 0
-        self._jumps: list[str] = []
-        self._last = 1.0  # the last step, in periods
-        # A long step from stamp to stamp [ns], and its length with the step before, in periods.
-        self._long: tuple[int, int, float] | None = None
-
-    def add(self, last: int, stamp_ns: int) -> None:
-        """Take a step from one stamp [ns] to the next."""
-        self._steps.append((last, stamp_ns))
-        if self._period or len(self._steps) == _FIRST:
-            self._weigh()
-
-    def _weigh(self) -> None:
-        if not self._period and self._steps:
-            self._period = median_low(after - before for before, after in self._steps)
-        for before, after in self._steps:
-            ratio = (after - before) / self._period
-            self._weighed += 1
-            self._steady += abs(ratio - 1.0) <= STEADY
-            self._settle(ratio)
-            if ratio > 1.5:
-                self._long = before, after, self._last + ratio
-            self._last = ratio
-        self._steps.clear()
-
-    def _settle(self, ratio: float) -> None:
-        """Count a long step if a state within it is lost, and not if one was only late.
-
-        With the steps beside it, it takes 3 periods if a state was only late, and 4 if one is lost.
-        """
-        if self._long and self._long[2] + ratio >= 3.5:
-            before, after, _ = self._long
-            self._jumped += 1
-            if self._jumped <= _MOST_JUMPS:
-                text = f"{_LEAD} has a gap from {seconds(before):.6f} s to {seconds(after):.6f} s"
-                self._jumps.append(text)
-        self._long = None
-
-    def jumps(self) -> list[str]:
-        """Describe the gaps of the states; a rhythm that changes has none."""
-        self._weigh()
-        self._settle(1.0)
-        if 4 * self._steady < 3 * self._weighed:
-            return []
-        more = self._jumped - len(self._jumps)
-        return self._jumps + ([f"{_LEAD} has {more} more gaps"] if more else [])
 
 
 @dataclass(slots=True)
@@ -123,6 +67,7 @@ class _Lane:
     heard: int = -1  # the latest stamp [ns]
     latest: tuple[tuple[int, bytes], ...] = ()  # stamps [ns] and bytes of the latest two
     ended: int = 0  # the latest one before its time began again, if it did
+    repeatable: frozenset[int] = frozenset()  # what a peer may repeat of before, not the first ones
     surplus: int = 0  # messages beside the first one of their instant
     publishers: Publishers = field(default_factory=Publishers)
 
@@ -130,6 +75,11 @@ class _Lane:
     def epoch(self) -> int:
         """How often its time has begun again."""
         return len(self.stretches) - 1
+
+    def went_on(self, stamp_ns: int) -> bool:
+        """True if its time never began again, since a stamp [ns] follows zero that goes on."""
+        goes_on = self.ended < stamp_ns or 0 < stamp_ns in self.repeatable
+        return self.heard == 0 < self.ended and goes_on
 
 
 def _until(stretch: _Stretch) -> str:
@@ -145,7 +95,7 @@ class Recording:
 
     def __init__(self, write: Write) -> None:
         self._write = write
-        self._rhythm = _Rhythm()
+        self._rhythm = Rhythm(_LEAD)
         self._lanes: defaultdict[str, _Lane] = defaultdict(_Lane)
         self._states = self._lanes[_LEAD]
         self._origins = [0]  # [ns] where each epoch of the states begins, in times of the bag
@@ -207,9 +157,7 @@ class Recording:
         behind = lane.epoch < self._states.epoch
         if stamp_ns == 0 and (lane.heard > 0 or (lane.heard == 0 and behind)):
             self._begin_again(name, lane)
-        elif lane.heard == 0 < lane.ended < stamp_ns and (
-            name == _LEAD or lane.epoch > self._states.epoch
-        ):
+        elif lane.went_on(stamp_ns) and (name == _LEAD or lane.epoch > self._states.epoch):
             self._take_back(name, lane)
         lane.heard = stamp_ns
         if name == _TRUTH and lane.epoch == self._states.epoch:
@@ -232,6 +180,9 @@ class Recording:
             self._wait(name, epoch, stamp_ns, data, ahead)
 
     def _begin_again(self, name: str, lane: _Lane) -> None:
+        old = frozenset(stamp for stamp, _ in lane.latest)
+        # Time that really begins again comes by these only if it had just begun.
+        lane.repeatable = old if lane.stretches[-1].count > _JUST_BEGUN else frozenset()
         lane.ended, lane.latest = lane.heard, ()
         lane.stretches.append(_Stretch())
         if name == _LEAD:
