@@ -59,6 +59,7 @@ class ComponentNode(BaseNode):
         self._senders = {each.name: self.sender(BY_COLUMN[each.name]) for each in columns}
         self._steps = 0
         self._truth_at = -math.inf  # [s] when the last true attitude came
+        self._estimated, self._estimated_at = 0, -math.inf  # stamp [ns] taken instead, and when [s]
         if self.chain.inputs:
             for topic in self._topics:
                 self.listen(topic, partial(self._receive, topic))
@@ -122,13 +123,22 @@ class ComponentNode(BaseNode):
             self.on_instant(stamp, parts)
 
     def _on_true_state(self, stamp_ns: int, _: Values) -> None:
-        """Take the stamp of a state that the plant itself sends."""
+        """Take the stamp of a state that the plant itself sends.
+
+        A node that joins a run, or was paused, may hear many estimates before the truth of the same
+        instants: these are answered, and time has not gone back.
+        """
         self._truth_at = self.now()
+        if 0 < stamp_ns < self._estimated and self._truth_at - self._estimated_at < SILENCE:
+            return
+        self._estimated = 0
         self._receive(ATTITUDE, stamp_ns, ())
 
     def _on_state(self, stamp_ns: int, _: Values) -> None:
         """Take the stamp of a state, unless the truth tells it, or did so a moment ago."""
-        if self.now() - self._truth_at > SILENCE:
+        now = self.now()
+        if now - self._truth_at > SILENCE:
+            self._estimated, self._estimated_at = stamp_ns, now
             self._receive(ATTITUDE, stamp_ns, ())
 
     def on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:
