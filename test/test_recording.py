@@ -33,6 +33,10 @@ TRUTH = TRUE_ATTITUDE.name
 ALL = (STATE, TORQUE, AHEAD)
 
 
+def stamp_ns(step: int) -> int:
+    return stamp_of(step, 100.0)
+
+
 class Bag:
     def __init__(self) -> None:
         self.written: list[tuple[str, int, bytes]] = []
@@ -51,6 +55,9 @@ class Bag:
             self.take(TORQUE, step)
             for ahead in (step, step + 1) if step == 0 else (step + 1,):
                 self.take(AHEAD, ahead)
+
+    def with_state(self, name: str, stamp_ns: int | None, data: bytes) -> None:
+        self.recording.event_with_state(name, stamp_ns, data, None, 0.0)
 
     def steps(self, name: str) -> list[int]:
         return [int(data.split()[0]) for topic, _, data in self.written if topic == name]
@@ -282,49 +289,3 @@ def test_progress_is_told_now_and_then_and_to_a_plant_that_repeats_its_state() -
         bag.take(name, 1999)
         assert bag.recording.progress() == progress
         assert bag.recording.progress() is None
-
-
-def test_what_is_no_sample_is_written_at_its_time_or_at_that_of_the_newest_state() -> None:
-    """A message of a sample's topic without a stamp is none; it counts for nothing."""
-    bag = Bag()
-    bag.recording.event("/diagnostics", None, b"early")
-    bag.run(range(3))
-    bag.recording.event("/diagnostics", None, b"late")
-    bag.recording.event("disturbance/inject", 0, b"from now on")
-    bag.recording.event("disturbance/inject", 7, b"then")
-    bag.recording.event("/clock", 0, b"first", with_state=True)
-    bag.recording.event("/clock", 5, b"clock", with_state=True)
-    for stamp in (None, -1):
-        bag.recording.sample(TORQUE, stamp, b"?", 4, 0.02)
-    assert bag.written[0] == ("/diagnostics", 0, b"early")
-    assert bag.written[-7:] == [
-        ("/diagnostics", 20_000_000, b"late"),
-        ("disturbance/inject", 20_000_000, b"from now on"),
-        ("disturbance/inject", 7, b"then"),
-        ("/clock", 0, b"first"),
-        ("/clock", 5, b"clock"),
-        *[(TORQUE, 20_000_000, b"?")] * 2,
-    ]
-    bag.run(range(3, 6))
-    assert (bag.gaps(), bag.recording.surplus()) == ([], {})
-
-
-def test_what_comes_again_with_a_repeated_state_is_written_once() -> None:
-    """A clock, or a fix that belongs to an instant before; what others send twice are two.
-
-    After a reset it is another one, though it is that of before.
-    """
-    bag = Bag()
-    for repetition in range(4):
-        if repetition % 2 == 0:
-            bag.run(range(2))
-        bag.recording.event("/clock", 10_000_000, b"10 ms", with_state=True)
-        bag.recording.event("star_tracker/attitude", 0, b"fix", with_state=True)
-        bag.recording.event("battery", None, b"full", with_state=True)
-        bag.recording.event("disturbance/inject", 0, b"hit")
-    events = [name for name, _, data in bag.written if data in (b"10 ms", b"fix", b"full", b"hit")]
-    twice = ["battery", "disturbance/inject"]
-    assert sorted(events) == sorted(2 * ["/clock", "star_tracker/attitude", *twice, *twice])
-
-
-# What is missing

@@ -61,7 +61,7 @@ from ppc_attitude.nodes.executors import Flow
 from ppc_attitude.nodes.messages import Take, changed, message_class, take_gathered
 from ppc_attitude.nodes.publisher_watch import publishing_nodes
 from ppc_attitude.nodes.qos import published, recorded
-from ppc_attitude.nodes.run_graph import ParameterSurvey, RunGraph
+from ppc_attitude.nodes.run_graph import ParameterSurvey, RunGraph, comes_with_state
 from ppc_attitude.nodes.running import check_name, run_node
 from ppc_attitude.processes.child import come_last, give_way
 from ppc_attitude.processes.exits import BROKEN
@@ -173,9 +173,9 @@ class BagRecorder(BaseNode):
         for (home, node), (since, values) in tuple(self._restarted.items()):
             recording, ears = self._recordings[home], self._ears.values()
             topics = [each for where, each, _ in ears if (where, each.source) == (home, node)]
-            names = [topic.name for topic in topics if topic.column]
-            begun = recording.began(names, since)
-            if begun is None and (ends or not names):
+            topics = [each for each in topics if each.column] or [*filter(comes_with_state, topics)]
+            begun = recording.began([topic.name for topic in topics], since)
+            if begun is None and (ends or not topics):
                 begun = recording.now
             if begun is not None:
                 del self._restarted[home, node]
@@ -224,8 +224,12 @@ class BagRecorder(BaseNode):
         # To a callback of two arguments rclpy also tells the publisher's number of the message.
         # Its events executor fails at such a callback.
         def receive_event(data: bytes, about: Mapping[str, Any]) -> None:
-            self._about = about
-            recording.event(name, header_stamp(data, msgtype), data, topic.source == PLANT)
+            self._about, stamp_ns = about, header_stamp(data, msgtype)
+            if comes_with_state(topic):
+                number = about["publication_sequence_number"]
+                recording.event_with_state(name, stamp_ns, data, number, self._now)
+            else:
+                recording.event(name, stamp_ns, data)
 
         def receive(data: bytes, about: Mapping[str, Any]) -> None:
             self._about = about
@@ -303,8 +307,7 @@ class BagRecorder(BaseNode):
         self._now = time.monotonic()
         heard = [ear for ear in self._ears.values() if take_gathered(ear.subscription)]
         for home, recording in self._recordings.items():
-            stamp = recording.progress(self._graph.awaited[home])
-            if stamp is not None:
+            if (stamp := recording.progress(self._graph.awaited[home])) is not None:
                 self._progress[home].publish(encode_clock(stamp))
         if heard:
             self._heard_at = self._now

@@ -29,6 +29,7 @@ from rclpy.task import Future
 from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.parameters import is_of_ros
 from ppc_attitude.contract.topics import (
+    CLOCK_TOPIC,
     EVENTS,
     MARKERS_TOPIC,
     OF_A_RUN,
@@ -36,6 +37,7 @@ from ppc_attitude.contract.topics import (
     PLANT,
     RECORDED_TOPIC,
     RECORDER,
+    SOURCES,
     STANDARD,
     Topic,
 )
@@ -135,6 +137,11 @@ class RunGraph:
             inside = short != topic and short not in _OURS and topic not in _OURS
             if inside and not hidden and short != "rosout":
                 yield short, types[0]
+
+
+def comes_with_state(topic: Topic) -> bool:
+    """Whether a topic that is no sample's may come with each state, or each answer to one."""
+    return topic == CLOCK_TOPIC or (topic.source in SOURCES and topic not in EVENTS)
 
 
 class ParameterSurvey:

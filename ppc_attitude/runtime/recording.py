@@ -82,6 +82,16 @@ class _Lane:
         return self.heard == 0 < self.ended and goes_on
 
 
+@dataclass(slots=True)
+class _Told:
+    """One topic that is no sample, from a node that sends it with a state."""
+
+    epoch: int  # of the states to which its messages belong
+    heard: int = -1  # the latest stamp [ns]
+    data: bytes | None = None
+    publishers: Publishers = field(default_factory=Publishers)
+
+
 def _until(stretch: _Stretch) -> str:
     return f"{seconds(max(stretch.last, 0)):.6f} s"
 
@@ -108,26 +118,56 @@ class Recording:
         self._latest: dict[int, None] = {}  # stamps [ns] of the latest states, and of the truth
         self._unreported = 0
         self._begun = False  # what is awaited has come since time began
-        self._with_state: dict[str, bytes] = {}  # the latest of each topic
+        self._again = -inf  # when time began again, by the wall clock [s]
+        self._told: dict[str, _Told] = {}
+        self._early: dict[str, bytes] = {}  # of time that begins again with the next state
 
     @property
     def now(self) -> int:
         """The newest state [ns]; -1: none has come."""
         return self._states.stretches[-1].last
 
-    def event(self, name: str, stamp_ns: int | None, data: bytes, with_state: bool = False) -> None:
+    def event(self, name: str, stamp_ns: int | None, data: bytes) -> None:
         """Write a message that is no sample, at its own time or at that of the newest state.
 
-        A message that the plant sends `with_state` comes again when the plant repeats the state,
-        and counts once. In other messages a zero stamp means none: their orders act from now on.
+        A zero stamp means none: orders with it act from now on.
         """
-        if with_state and stamp_ns is not None:
-            if self._with_state.get(name) == data:
-                return
-            self._with_state[name] = data
-        if stamp_ns is None or stamp_ns < 0 or (stamp_ns == 0 and not with_state):
-            stamp_ns = max(self.now, 0)
+        stamp_ns = max(stamp_ns or 0, 0) or max(self.now, 0)
         self._write(name, self._origins[-1] + stamp_ns, data)
+
+    def event_with_state(
+        self, name: str, stamp_ns: int | None, data: bytes, number: int | None, now: float
+    ) -> None:
+        """Write a message that is no sample, but that its node sends with a state or its answer.
+
+        It comes again when the state is repeated, and counts once. It may come before the state
+        with which time begins again, or after that though it is of the time before. The other
+        arguments are those of `sample`.
+        """
+        if stamp_ns is None or stamp_ns < 0:
+            self.event(name, stamp_ns, data)
+            return
+        epoch = self._states.epoch
+        topic = self._told.setdefault(name, _Told(epoch))
+        topic.publishers.hear(number, stamp_ns, now)
+        again = topic.data == data
+        if topic.epoch < epoch and stamp_ns <= topic.heard and not (again and stamp_ns > self.now):
+            topic.epoch = epoch
+        elif again:
+            return
+        elif topic.epoch > epoch:  # time has not begun again
+            topic.epoch = epoch
+            del self._early[name]
+        elif stamp_ns == 0 < topic.heard:
+            topic.epoch += 1
+        elif stamp_ns == topic.heard == 0:  # it has no stamps
+            self.event(name, None, data)
+            return
+        topic.heard, topic.data = stamp_ns, data
+        if topic.epoch > epoch:
+            self._early[name] = data
+        else:
+            self._write(name, self._origins[topic.epoch] + stamp_ns, data)
 
     def sample(
         self,
@@ -152,11 +192,13 @@ class Recording:
         if now < self._heard:
             self._heard = now
         lane = self._lanes[name]
+        if lane.heard < 0:  # it has no part in the times before it came
+            lane.stretches += (_Stretch() for _ in range(lane.epoch, self._states.epoch))
         lane.publishers.hear(number, stamp_ns, now)
         # Time may begin again before a lane has come beyond zero: the states tell.
         behind = lane.epoch < self._states.epoch
         if stamp_ns == 0 and (lane.heard > 0 or (lane.heard == 0 and behind)):
-            self._begin_again(name, lane)
+            self._begin_again(name, lane, now)
         elif lane.went_on(stamp_ns) and (name == _LEAD or lane.epoch > self._states.epoch):
             self._take_back(name, lane)
         lane.heard = stamp_ns
@@ -179,7 +221,7 @@ class Recording:
         elif epoch >= self._states.epoch:
             self._wait(name, epoch, stamp_ns, data, ahead)
 
-    def _begin_again(self, name: str, lane: _Lane) -> None:
+    def _begin_again(self, name: str, lane: _Lane, now: float) -> None:
         old = frozenset(stamp for stamp, _ in lane.latest)
         # Time that really begins again comes by these only if it had just begun.
         lane.repeatable = old if lane.stretches[-1].count > _JUST_BEGUN else frozenset()
@@ -189,7 +231,10 @@ class Recording:
             self._origins.append(self._origins[-1] + lane.ended + 1)
             self._begun = False
             self._latest.clear()
-            self._with_state.clear()
+            self._again = now
+            for early, message in self._early.items():
+                self._write(early, self._origins[-1], message)
+            self._early.clear()
 
     def _take_back(self, name: str, lane: _Lane) -> None:
         """Undo a restart: its stamps of zero were none, as of `ros2 topic pub`; time goes on."""
@@ -270,9 +315,14 @@ class Recording:
         self._write(name, self._origins[epoch] + stamp_ns, data)
 
     def began(self, names: Iterable[str], since: float) -> int | None:
-        """First stamp [ns] of a node on its topics, if it began to send since a time [s]."""
-        newest = (self._lanes[name].publishers.newest for name in names if name in self._lanes)
-        return min((begun[1] for begun in newest if begun and begun[0] >= since), default=None)
+        """First stamp [ns] of a node on its topics, if it began to send since a time [s].
+
+        It is zero if time has begun again meanwhile.
+        """
+        topics: dict[str, _Told | _Lane] = {**self._told, **self._lanes}
+        newest = filter(None, (topics[name].publishers.newest for name in names if name in topics))
+        begun = (stamp if at >= self._again else 0 for at, stamp in newest if at >= since)
+        return min(begun, default=None)
 
     def end(self) -> None:
         """Ignore, from now on, messages of later instants than the newest state."""
