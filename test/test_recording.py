@@ -238,6 +238,23 @@ def test_a_stamp_of_zero_before_a_repeated_message_ends_no_record(name: str) -> 
     assert {*bag.steps(name)} == {*range(40)}
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_whatever_stamps_come_the_record_goes_on(seed: int) -> None:
+    """Of two plants, or of strangers: zeros, repeated ones, and others back and ahead."""
+    random, bag = Random(seed), Bag()
+    steps = dict.fromkeys((*ALL, TRUTH), 0)
+    for _ in range(300):
+        name = random.choice(sorted(steps))
+        step = steps[name]
+        steps[name] = random.choice((*[step + 1] * 5, step, 0, max(step - 4, 0), step + 9))
+        bag.take(name, steps[name], b"%d %d" % (steps[name], random.randint(0, 2)))
+    written = len(bag.written)
+    latest = max(steps.values())
+    bag.run(range(latest + 1, latest + 40))
+    assert len(bag.written) >= written + 39  # the states at least
+    assert bag.gaps() != []
+
+
 def test_who_joins_a_run_begins_with_the_first_state_that_it_hears() -> None:
     bag = Bag()
     bag.take(TORQUE, 6)

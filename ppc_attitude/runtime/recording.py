@@ -22,13 +22,12 @@ complete is judged while it grows, in memory that does not grow with it.
 
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Mapping
-from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from itertools import zip_longest
 from math import inf
 
 from ppc_attitude.contract.topics import ATTITUDE, TRUE_ATTITUDE
-from ppc_attitude.runtime.publishers import Publishers
+from ppc_attitude.runtime.lanes import Lane, Stretch, Told
 from ppc_attitude.runtime.rhythm import Rhythm
 from ppc_attitude.science.stamps import seconds
 
@@ -39,60 +38,11 @@ _EVERY = 100  # states between two reports of how far the record has come
 _REMEMBERED = 50_000  # states: a reader keeps as many messages, which may come after their states
 _JOINS = 2.0  # [s] by the wall clock in which a recorder that joins a run may hear no state yet
 _FEW = 10  # instants beyond the last state: a stranger's stamps, or the last answers
-_JUST_BEGUN = 3  # instants: the second one may be among the latest two
 
 Write = Callable[[str, int, bytes], None]
 
 
-@dataclass(slots=True)
-class _Stretch:
-    """The samples of a topic, one for each instant, written between two beginnings of time."""
-
-    count: int = 0
-    total: int = 0  # sum of the stamps: equal counts with other stamps give another sum
-    last: int = -1  # stamp [ns] of the newest
-
-    def until(self, stamp_ns: int) -> tuple[int, int]:
-        """Count and sum of the stamps, without the last one if it is beyond a stamp."""
-        if self.last > stamp_ns:
-            return self.count - 1, self.total - self.last
-        return self.count, self.total
-
-
-@dataclass(slots=True)
-class _Lane:
-    """One topic with a sample at each instant."""
-
-    stretches: list[_Stretch] = field(default_factory=lambda: [_Stretch()])  # the last is present
-    heard: int = -1  # the latest stamp [ns]
-    latest: tuple[tuple[int, bytes], ...] = ()  # stamps [ns] and bytes of the latest two
-    ended: int = 0  # the latest one before its time began again, if it did
-    repeatable: frozenset[int] = frozenset()  # what a peer may repeat of before, not the first ones
-    surplus: int = 0  # messages beside the first one of their instant
-    publishers: Publishers = field(default_factory=Publishers)
-
-    @property
-    def epoch(self) -> int:
-        """How often its time has begun again."""
-        return len(self.stretches) - 1
-
-    def went_on(self, stamp_ns: int) -> bool:
-        """True if its time never began again, since a stamp [ns] follows zero that goes on."""
-        goes_on = self.ended < stamp_ns or 0 < stamp_ns in self.repeatable
-        return self.heard == 0 < self.ended and goes_on
-
-
-@dataclass(slots=True)
-class _Told:
-    """One topic that is no sample, from a node that sends it with a state."""
-
-    epoch: int  # of the states to which its messages belong
-    heard: int = -1  # the latest stamp [ns]
-    data: bytes | None = None
-    publishers: Publishers = field(default_factory=Publishers)
-
-
-def _until(stretch: _Stretch) -> str:
+def _until(stretch: Stretch) -> str:
     return f"{seconds(max(stretch.last, 0)):.6f} s"
 
 
@@ -106,7 +56,7 @@ class Recording:
     def __init__(self, write: Write) -> None:
         self._write = write
         self._rhythm = Rhythm(_LEAD)
-        self._lanes: defaultdict[str, _Lane] = defaultdict(_Lane)
+        self._lanes: defaultdict[str, Lane] = defaultdict(Lane)
         self._states = self._lanes[_LEAD]
         self._origins = [0]  # [ns] where each epoch of the states begins, in times of the bag
         # What waits for its state: topic, bytes, and if it was sent ahead, by epoch and stamp [ns].
@@ -119,7 +69,7 @@ class Recording:
         self._unreported = 0
         self._begun = False  # what is awaited has come since time began
         self._again = -inf  # when time began again, by the wall clock [s]
-        self._told: dict[str, _Told] = {}
+        self._told: dict[str, Told] = {}
         self._early: dict[str, bytes] = {}  # of time that begins again with the next state
 
     @property
@@ -148,7 +98,7 @@ class Recording:
             self.event(name, stamp_ns, data)
             return
         epoch = self._states.epoch
-        topic = self._told.setdefault(name, _Told(epoch))
+        topic = self._told.setdefault(name, Told(epoch))
         topic.publishers.hear(number, stamp_ns, now)
         again = topic.data == data
         if topic.epoch < epoch and stamp_ns <= topic.heard and not (again and stamp_ns > self.now):
@@ -157,7 +107,7 @@ class Recording:
             return
         elif topic.epoch > epoch:  # time has not begun again
             topic.epoch = epoch
-            del self._early[name]
+            self._early.pop(name, None)
         elif stamp_ns == 0 < topic.heard:
             topic.epoch += 1
         elif stamp_ns == topic.heard == 0:  # it has no stamps
@@ -193,13 +143,13 @@ class Recording:
             self._heard = now
         lane = self._lanes[name]
         if lane.heard < 0:  # it has no part in the times before it came
-            lane.stretches += (_Stretch() for _ in range(lane.epoch, self._states.epoch))
+            lane.stretches += (Stretch() for _ in range(lane.epoch, self._states.epoch))
         lane.publishers.hear(number, stamp_ns, now)
         # Time may begin again before a lane has come beyond zero: the states tell.
         behind = lane.epoch < self._states.epoch
         if stamp_ns == 0 and (lane.heard > 0 or (lane.heard == 0 and behind)):
             self._begin_again(name, lane, now)
-        elif lane.went_on(stamp_ns) and (name == _LEAD or lane.epoch > self._states.epoch):
+        elif self._went_on(lane, stamp_ns):
             self._take_back(name, lane)
         lane.heard = stamp_ns
         if name == _TRUTH and lane.epoch == self._states.epoch:
@@ -213,7 +163,12 @@ class Recording:
         if name == _LEAD:
             self._keep(name, epoch, stamp_ns, data)
             self._lead(stamp_ns, now)
-        elif self._is_present(epoch, stamp_ns):
+        else:
+            self._place(name, epoch, stamp_ns, data, ahead)
+
+    def _place(self, name: str, epoch: int, stamp_ns: int, data: bytes, ahead: bool) -> None:
+        """Write a sample that is no state, or let it wait for its state."""
+        if self._is_present(epoch, stamp_ns):
             if not ahead or self._has_state(epoch, stamp_ns):
                 self._keep(name, epoch, stamp_ns, data)
             elif stamp_ns > self._states.heard:  # time has gone back, and not to zero
@@ -221,12 +176,8 @@ class Recording:
         elif epoch >= self._states.epoch:
             self._wait(name, epoch, stamp_ns, data, ahead)
 
-    def _begin_again(self, name: str, lane: _Lane, now: float) -> None:
-        old = frozenset(stamp for stamp, _ in lane.latest)
-        # Time that really begins again comes by these only if it had just begun.
-        lane.repeatable = old if lane.stretches[-1].count > _JUST_BEGUN else frozenset()
-        lane.ended, lane.latest = lane.heard, ()
-        lane.stretches.append(_Stretch())
+    def _begin_again(self, name: str, lane: Lane, now: float) -> None:
+        lane.begin_again()
         if name == _LEAD:
             self._origins.append(self._origins[-1] + lane.ended + 1)
             self._begun = False
@@ -236,15 +187,23 @@ class Recording:
                 self._write(early, self._origins[-1], message)
             self._early.clear()
 
-    def _take_back(self, name: str, lane: _Lane) -> None:
-        """Undo a restart: its stamps of zero were none, as of `ros2 topic pub`; time goes on."""
-        waiting = self._ahead.get((lane.epoch, 0), [])
-        lane.surplus += lane.stretches.pop().count
+    def _went_on(self, lane: Lane, stamp_ns: int) -> bool:
+        """True if a stamp [ns] shows that time never began again, though the lane had a zero."""
+        is_ahead = lane is self._states or lane.epoch > self._states.epoch
+        return is_ahead and lane.went_on(stamp_ns)
+
+    def _take_back(self, name: str, lane: Lane) -> None:
+        """Undo restarts: their stamps of zero were none, as of `ros2 topic pub`; time goes on."""
+        epoch = lane.epoch - 1 if lane is self._states else self._states.epoch
+        while lane.epoch > epoch:
+            lane.surplus += lane.stretches.pop().count
         del self._origins[len(self._states.stretches) :]
-        for stray in [each for each in waiting if each[0] == name]:
-            waiting.remove(stray)
-            self._waiting -= 1
-            self._keep(name, lane.epoch, 0, stray[1])
+        for instant in [each for each in self._ahead if each[0] > epoch]:
+            strays = [each for each in self._ahead[instant] if each[0] == name]
+            self._waiting -= len(strays)
+            for stray in strays:
+                self._ahead[instant].remove(stray)
+                self._place(name, epoch, instant[1], *stray[1:])
 
     def _is_present(self, epoch: int, stamp_ns: int) -> bool:
         """True if the state of this instant has come, or a later one."""
@@ -319,7 +278,7 @@ class Recording:
 
         It is zero if time has begun again meanwhile.
         """
-        topics: dict[str, _Told | _Lane] = {**self._told, **self._lanes}
+        topics: dict[str, Told | Lane] = {**self._told, **self._lanes}
         newest = filter(None, (topics[name].publishers.newest for name in names if name in topics))
         begun = (stamp if at >= self._again else 0 for at, stamp in newest if at >= since)
         return min(begun, default=None)
@@ -372,7 +331,7 @@ class Recording:
         if self._states.epoch or states[0].count > 1:
             found += [f"{name} never came" for name in expected if name not in written]
         for name, stretches in written.items():
-            for own, led in zip_longest(stretches, states, fillvalue=_Stretch()):
+            for own, led in zip_longest(stretches, states, fillvalue=Stretch()):
                 end = min(own.last, led.last)
                 if own.until(end) != led.until(end):
                     found.append(

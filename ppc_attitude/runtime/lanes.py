@@ -1,0 +1,82 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a record of a run remembers of each topic: its samples, and its latest messages."""
+
+from dataclasses import dataclass, field
+
+from ppc_attitude.runtime.publishers import Publishers
+
+_JUST_BEGUN = 3  # instants: the second one may be among the latest two
+
+
+@dataclass(slots=True)
+class Stretch:
+    """The samples of a topic, one for each instant, written between two beginnings of time."""
+
+    count: int = 0
+    total: int = 0  # sum of the stamps: equal counts with other stamps give another sum
+    last: int = -1  # stamp [ns] of the newest
+
+    def until(self, stamp_ns: int) -> tuple[int, int]:
+        """Count and sum of the stamps, without the last one if it is beyond a stamp."""
+        if self.last > stamp_ns:
+            return self.count - 1, self.total - self.last
+        return self.count, self.total
+
+
+@dataclass(slots=True)
+class Lane:
+    """One topic with a sample at each instant."""
+
+    stretches: list[Stretch] = field(default_factory=lambda: [Stretch()])  # the last is present
+    heard: int = -1  # the latest stamp [ns]
+    latest: tuple[tuple[int, bytes], ...] = ()  # stamps [ns] and bytes of the latest two
+    ended: int = 0  # the latest one before its time began again, if it did
+    repeatable: frozenset[int] = frozenset()  # what a peer may repeat of before, not the first ones
+    surplus: int = 0  # messages beside the first one of their instant
+    publishers: Publishers = field(default_factory=Publishers)
+
+    def begin_again(self) -> None:
+        """Begin another stretch, at stamp zero."""
+        repeatable = frozenset(stamp for stamp, _ in self.latest)
+        # Time that really begins again comes by these only if it had just begun.
+        self.repeatable = repeatable if self.has_run else frozenset()
+        self.ended, self.latest = self.heard, ()
+        self.stretches.append(Stretch())
+
+    @property
+    def has_run(self) -> bool:
+        """True if the present stretch has not just begun."""
+        return self.stretches[-1].count > _JUST_BEGUN
+
+    @property
+    def epoch(self) -> int:
+        """How often its time has begun again."""
+        return len(self.stretches) - 1
+
+    def went_on(self, stamp_ns: int) -> bool:
+        """True if its time never began again, since a stamp [ns] follows zero that goes on."""
+        goes_on = self.ended < stamp_ns or 0 < stamp_ns in self.repeatable
+        return self.heard == 0 < self.ended and goes_on
+
+
+@dataclass(slots=True)
+class Told:
+    """One topic that is no sample, from a node that sends it with a state."""
+
+    epoch: int  # of the states to which its messages belong
+    heard: int = -1  # the latest stamp [ns]
+    data: bytes | None = None
+    publishers: Publishers = field(default_factory=Publishers)
