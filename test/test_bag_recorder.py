@@ -206,7 +206,7 @@ def test_a_recorder_that_cannot_write_what_it_learns_ends_as_a_broken_one(
 def test_a_node_that_answers_before_it_speaks_is_on_record_from_its_own_first_word_on(
     speaks: bool, since: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Not from that of the one before; and if it says none, from the last state on."""
+    """Not from that of the one before; and if it says none, from after the last state on."""
     monkeypatch.setattr(run_graph, "_UNSEEN", 0.0)
     bag = tmp_path / "bag"
     with recorder_into(bag) as beside:
@@ -240,7 +240,8 @@ def test_a_node_that_answers_before_it_speaks_is_on_record_from_its_own_first_wo
         after.destroy_node()
     first, second = read_run(bag).changes
     assert (first.name, first.value, second.name) == ("k", 2.0, "enabled")
-    assert first.stamp_ns == second.stamp_ns == since * NANOSECONDS
+    # The last state was for the one before: a replay begins anew at no instant.
+    assert first.stamp_ns == second.stamp_ns == since * NANOSECONDS + (not speaks)
 
 
 def test_a_plant_that_is_started_again_has_its_own_parameters_from_the_first_state_on(

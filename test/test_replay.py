@@ -98,22 +98,6 @@ def test_an_estimator_gives_again_what_late_fixes_made_it_give() -> None:
     assert differing(with_columns(record, star_fix=fixes)) == {"gyro_star_tracker", "mekf"}
 
 
-def test_a_late_message_that_no_component_gave_differs() -> None:
-    """One that is not on record may have been lost."""
-    record = simulate(estimated(), 2.0)
-    came = np.flatnonzero(np.isfinite(record["innovation"][:, 0]))
-    innovations = record["innovation"].copy()
-    innovations[came[3:]] = np.nan
-    assert not differing(with_columns(record, innovation=innovations))
-    innovations[came[1] + 1] = 0.7
-    (differs,) = (
-        each
-        for each in replay(with_columns(record, innovation=innovations)).found
-        if each.largest > 0.0
-    )
-    assert (differs.component, differs.column, differs.largest) == ("mekf", "innovation", np.inf)
-
-
 def test_an_estimator_without_a_fix_is_replayed_too() -> None:
     """Fixes and innovations of a run that is shorter than the latency are on no record."""
     tracker = {"star_tracker.latency": 9.0, "initial_fix": False}

@@ -176,7 +176,7 @@ class BagRecorder(BaseNode):
             topics = [each for each in topics if each.column] or [*filter(comes_with_state, topics)]
             begun = recording.began([topic.name for topic in topics], since)
             if begun is None and (ends or not topics):
-                begun = recording.now
+                begun = recording.now + ends  # the last state was answered by the one before
             if begun is not None:
                 del self._restarted[home, node]
                 data = serialize_message(changed(begun, node, {**values, ENABLED: True}))

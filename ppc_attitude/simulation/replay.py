@@ -35,6 +35,7 @@ from ppc_attitude.science.kinds import CONTROLLERS, KINDS, PLANTS, SENSORS, Kind
 from ppc_attitude.science.parameter import Value, resolved
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots, check_slots
+from ppc_attitude.science.sensors.star_tracker import RATE
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TOLD, TORQUE_COMMAND, TRUTH
 from ppc_attitude.science.stamps import LARGEST_STEP, LATEST, seconds
 from ppc_attitude.simulation.closed_loop import by_column
@@ -235,6 +236,8 @@ def _replayed(
             # is on record came at some instant: if none was skipped it should be computed.
             difference[unknown] = 0.0
             unknown &= np.isfinite(recorded) & bool(complete.all())
+            for place in np.flatnonzero(unknown.any(axis=1)):
+                unknown[place] &= not _came_elsewhere(record, kind, component, int(stamps[place]))
         difference[unknown] = np.inf
         difference = difference.max(axis=1)
         worst = int(np.argmax(difference))
@@ -252,6 +255,26 @@ def _replayed(
         seconds(int(stamps[k])),
         int(stamps.size),
         int(complete.size - stamps.size),
+    )
+
+
+def _came_elsewhere(record: RunRecord, kind: Kind, component: Component, valid_ns: int) -> bool:
+    """Whether a late message [ns] is of no instant that is computed again.
+
+    That is one after the end of the record, or one at which the node was killed amid its answer,
+    and whose answer is that of its successor.
+    """
+    if RATE.name not in component.defaults:
+        return False
+    node, stamps = NODE_OF[kind.name], record.stamps_ns
+    slots = Slots(record.parameters[node])
+    begun = [each.stamp_ns for each in record.changes if (each.node, each.name) == (node, ENABLED)]
+    places = [stamps.size, *np.searchsorted(stamps, begun).tolist()]
+    return any(
+        not slots.arrived(valid_ns, int(stamps[place - 1]))
+        and (place == stamps.size or slots.arrived(valid_ns, int(stamps[place])))
+        for place in places
+        if place
     )
 
 
