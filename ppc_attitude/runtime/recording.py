@@ -67,6 +67,7 @@ class Recording:
         self._heard = inf  # when the first message came, by the wall clock [s]
         self._latest: dict[int, None] = {}  # stamps [ns] of the latest states, and of the truth
         self._unreported = 0
+        self._joined = 0  # first state [ns] that a recorder that joins a run has heard
         self._begun = False  # what is awaited has come since time began
         self._again = -inf  # when time began again, by the wall clock [s]
         self._told: dict[str, Told] = {}
@@ -168,6 +169,8 @@ class Recording:
 
     def _place(self, name: str, epoch: int, stamp_ns: int, data: bytes, ahead: bool) -> None:
         """Write a sample that is no state, or let it wait for its state."""
+        if epoch == self._states.epoch and stamp_ns < self._joined:
+            return
         if self._is_present(epoch, stamp_ns):
             if not ahead or self._has_state(epoch, stamp_ns):
                 self._keep(name, epoch, stamp_ns, data)
@@ -180,7 +183,7 @@ class Recording:
         lane.begin_again()
         if name == _LEAD:
             self._origins.append(self._origins[-1] + lane.ended + 1)
-            self._begun = False
+            self._joined, self._begun = 0, False
             self._latest.clear()
             self._again = now
             for early, message in self._early.items():
@@ -239,7 +242,9 @@ class Recording:
         # A recorder that joins a run hears answers to states that it has missed: left out.
         is_first = self._states.stretches[-1].count == 1
         if stamp_ns:  # at zero the time before may still go on, and what waits is part of it
-            self._pass(present, joins=is_first and now < self._heard + _JOINS)
+            joins = is_first and now < self._heard + _JOINS
+            self._joined = stamp_ns if joins else self._joined
+            self._pass(present, joins)
         self._unreported += 1
         self._remember(stamp_ns)
         for name, data, _ in self._ahead.pop(present, ()):
