@@ -61,7 +61,7 @@ from ppc_attitude.nodes.executors import Flow
 from ppc_attitude.nodes.messages import Take, changed, message_class, take_gathered
 from ppc_attitude.nodes.publisher_watch import publishing_nodes
 from ppc_attitude.nodes.qos import published, recorded
-from ppc_attitude.nodes.run_graph import ParameterSurvey, RunGraph, comes_with_state
+from ppc_attitude.nodes.run_graph import ParameterSurvey, RunGraph, comes_with_state, telling
 from ppc_attitude.nodes.running import check_name, run_node
 from ppc_attitude.processes.child import come_last, give_way
 from ppc_attitude.processes.exits import BROKEN
@@ -108,17 +108,14 @@ class BagRecorder(BaseNode):
             )
         except BagError as error:
             raise ConfigurationError(str(error)) from None
-        self._flow = Flow()
-        self._executor = SingleThreadedExecutor()
+        self._flow, self._executor = Flow(), SingleThreadedExecutor()
         self._heard_at = 0.0  # time of the last look that found any message
         self._about: Mapping[str, Any] = {}  # what rclpy says about the last message
-        self._written = 0
-        self._now = 0.0
+        self._written, self._now = 0, 0.0
         self._looked = -_LOOK
         self._ears: dict[str, _Ear] = {}  # by the full name of the topic
         self._names: dict[tuple[str, str], str] = {}  # that name, for each topic of each run
-        self._announced: set[str] = set()
-        self._incompatible: set[str] = set()
+        self._announced, self._incompatible = set[str](), set[str]()
         self._recordings: dict[str, Recording] = {}  # by the namespace that is the run's home
         self._progress: dict[str, Any] = {}
         self._restarted: dict[tuple[str, str], tuple[float, dict[str, Any]]] = {}
@@ -172,10 +169,9 @@ class BagRecorder(BaseNode):
         """Record the parameters of restarted nodes as changes, from the first stamp of each on."""
         for (home, node), (since, values) in tuple(self._restarted.items()):
             recording, ears = self._recordings[home], self._ears.values()
-            topics = [each for where, each, _ in ears if (where, each.source) == (home, node)]
-            topics = [each for each in topics if each.column] or [*filter(comes_with_state, topics)]
-            begun = recording.began([topic.name for topic in topics], since)
-            if begun is None and (ends or not topics):
+            names = telling([own for where, own, _ in ears if (where, own.source) == (home, node)])
+            begun = recording.began(names, since)
+            if begun is None and (ends or not names):
                 begun = recording.now + ends  # the last state was answered by the one before
             if begun is not None:
                 del self._restarted[home, node]
@@ -220,16 +216,17 @@ class BagRecorder(BaseNode):
     def _receiver(self, home: str, topic: Topic) -> Take:
         recording, name, msgtype = self._recordings[home], topic.name, topic.msgtype
         ahead = topic.source in (REFERENCE, INJECTOR)  # they may send before the state has come
+        with_state = comes_with_state(topic)
 
         # To a callback of two arguments rclpy also tells the publisher's number of the message.
         # Its events executor fails at such a callback.
         def receive_event(data: bytes, about: Mapping[str, Any]) -> None:
             self._about, stamp_ns = about, header_stamp(data, msgtype)
-            if comes_with_state(topic):
-                number = about["publication_sequence_number"]
-                recording.event_with_state(name, stamp_ns, data, number, self._now)
-            else:
+            if not with_state:
                 recording.event(name, stamp_ns, data)
+                return
+            number = about["publication_sequence_number"]
+            recording.event_with_state(name, stamp_ns, data, number, self._now)
 
         def receive(data: bytes, about: Mapping[str, Any]) -> None:
             self._about = about

@@ -14,7 +14,7 @@
 
 """The nodes of a run: what they publish, by the ROS graph, and their parameters, when asked."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import chain
 from math import inf
@@ -142,6 +142,12 @@ class RunGraph:
 def comes_with_state(topic: Topic) -> bool:
     """Whether a topic that is no sample's may come with each state, or each answer to one."""
     return topic == CLOCK_TOPIC or (topic.source in SOURCES and topic not in EVENTS)
+
+
+def telling(topics: Sequence[Topic]) -> list[str]:
+    """Names of those topics of a node by whose first message it is known when the node began."""
+    samples = [topic.name for topic in topics if topic.column]
+    return samples or [topic.name for topic in topics if comes_with_state(topic)]
 
 
 class ParameterSurvey:
