@@ -14,9 +14,12 @@
 
 """Where shipped files are found."""
 
+from collections import defaultdict
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 from craft_helpers import CONFIG, ROOT
 
 from ppc_attitude.command_line.paths import shipped_config
@@ -34,6 +37,25 @@ LAYOUTS = {
 
 def test_the_sources_have_what_they_ship() -> None:
     assert shipped_config("campaign.yaml") == CONFIG / "campaign.yaml"
+
+
+def test_no_overlay_gives_a_parameter_another_type_than_the_file_below_it() -> None:
+    """Where two files do, ROS keeps the value of the first: it looks for a truth value before it
+    looks for a text."""
+    types: dict[str, set[type]] = defaultdict(set)
+
+    def see(name: str, value: Any) -> None:
+        if isinstance(value, dict):
+            for key, each in value.items():
+                see(f"{name}.{key}", each)
+        else:
+            types[name].add(type(value))
+
+    for path in sorted(CONFIG.glob("*.yaml")):
+        for section in (yaml.safe_load(path.read_text()) or {}).values():
+            if isinstance(section, dict):
+                see("", section.get("ros__parameters", {}))
+    assert {name: kinds for name, kinds in types.items() if len(kinds) > 1} == {}
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
