@@ -70,11 +70,25 @@ def test_the_record_of_a_run_that_goes_on_ends_with_a_whole_instant() -> None:
     bag = Bag()
     bag.run(range(20))
     bag.take(STATE, 20)
-    bag.recording.end()
+    bag.recording.end(0.2)
     bag.take(TORQUE, 20)
     bag.run(range(21, 60))
     assert bag.steps(STATE) == bag.steps(TORQUE) == bag.steps(AHEAD) == [*range(21)]
     assert bag.gaps() == []
+
+
+@pytest.mark.parametrize(("ends", "goes_on"), [(0.5, True), (5.0, False)])
+def test_what_waits_at_the_end_is_of_later_instants_unless_states_have_ceased(
+    ends: float, goes_on: bool
+) -> None:
+    """On a busy machine one topic is read far ahead of another."""
+    bag = Bag()
+    bag.run(range(20))
+    for step in range(20, 60):
+        bag.take(TORQUE, step)
+    bag.recording.end(ends)
+    assert (bag.gaps() == []) == goes_on
+    assert bag.steps(TORQUE) == [*range(20 if goes_on else 60)]
 
 
 def test_what_was_sent_ahead_of_an_instant_that_never_came_is_in_no_record() -> None:

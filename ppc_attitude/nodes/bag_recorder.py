@@ -324,7 +324,7 @@ class BagRecorder(BaseNode):
             if end == inf and sent > late:
                 end = self._now + _QUIET
                 for recording in self._recordings.values():
-                    recording.end()
+                    recording.end(self._now)
             executor.spin_once(timeout_sec=_BATCH)
 
     def close(self) -> None:

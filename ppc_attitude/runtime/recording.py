@@ -37,6 +37,7 @@ _MOST_AHEAD = 200_000  # messages that may wait for their states: what publisher
 _EVERY = 100  # states between two reports of how far the record has come
 _REMEMBERED = 50_000  # states: a reader keeps as many messages, which may come after their states
 _JOINS = 2.0  # [s] by the wall clock in which a recorder that joins a run may hear no state yet
+_FLOWS = 2.0  # [s] by the wall clock after a state, within which others come
 _FEW = 10  # instants beyond the last state: a stranger's stamps, or the last answers
 
 Write = Callable[[str, int, bytes], None]
@@ -64,6 +65,8 @@ class Recording:
         self._instants: list[tuple[int, int]] = []  # a heap of those, and of some that have passed
         self._waiting = 0  # how many messages those are
         self._end = inf  # the last state [ns], once it is known
+        self._led = -inf  # when a state came, by the wall clock [s]
+        self._runs_on = False  # states still came when the record ended
         self._heard = inf  # when the first message came, by the wall clock [s]
         self._latest: dict[int, None] = {}  # stamps [ns] of the latest states, and of the truth
         self._unreported = 0
@@ -97,6 +100,8 @@ class Recording:
         """
         if stamp_ns is None or stamp_ns < 0:
             self.event(name, stamp_ns, data)
+            return
+        if stamp_ns > self._end:
             return
         epoch = self._states.epoch
         topic = self._told.setdefault(name, Told(epoch))
@@ -162,6 +167,7 @@ class Recording:
             return  # or it is a peer's repeated answer to a repeated state
         lane.latest = (*lane.latest[-1:], (stamp_ns, data))
         if name == _LEAD:
+            self._led = now
             self._keep(name, epoch, stamp_ns, data)
             self._lead(stamp_ns, now)
         else:
@@ -288,9 +294,13 @@ class Recording:
         begun = (stamp if at >= self._again else 0 for at, stamp in newest if at >= since)
         return min(begun, default=None)
 
-    def end(self) -> None:
-        """Ignore, from now on, messages of later instants than the newest state."""
+    def end(self, now: float) -> None:
+        """Ignore, from now on, messages of later instants than the newest state.
+
+        Those that wait are later ones too, unless states have ceased to come.
+        """
         self._end = self.now
+        self._runs_on = now - self._led < _FLOWS
 
     def missing(self, awaited: Iterable[str]) -> list[str]:
         """Awaited topics that have not come since time began; none before the first state."""
@@ -325,7 +335,8 @@ class Recording:
         what came before is compared by itself.
         """
         states = self._states.stretches
-        if self.now >= 0 and len(self._ahead) > _FEW:  # states come no more, and others go on
+        if self.now >= 0 and len(self._ahead) > _FEW and not self._runs_on:
+            # States come no more, and others go on.
             self._pass((self._states.epoch, inf))
         written = {
             name: lane.stretches
