@@ -108,13 +108,13 @@ class Recording:
         topic.publishers.hear(number, stamp_ns, now)
         again = topic.data == data
         if topic.epoch < epoch and stamp_ns <= topic.heard and not (again and stamp_ns > self.now):
-            topic.epoch = epoch
+            topic.epoch = epoch  # the states have begun again, and now this topic has
         elif again:
-            return
-        elif topic.epoch > epoch:  # time has not begun again
+            return  # it came with a repeated state
+        elif topic.epoch > epoch:  # after its zero came another stamp, and no state of zero
             topic.epoch = epoch
             self._early.pop(name, None)
-        elif stamp_ns == 0 < topic.heard:
+        elif stamp_ns == 0 < topic.heard:  # it comes before the state with which time begins again
             topic.epoch += 1
         elif stamp_ns == topic.heard == 0:  # it has no stamps
             self.event(name, None, data)
