@@ -51,14 +51,15 @@ ALONE = {"SKIP_DEFAULT_XML_FILE": "1"}
 NAMESPACE = "{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}"
 
 
-def writer(profile: Path) -> list[tuple[str, str]]:
-    found = ElementTree.parse(profile).getroot().iter(f"{NAMESPACE}data_writer")
+def part(profile: Path, name: str) -> list[tuple[str, str]]:
+    found = ElementTree.parse(profile).getroot().iter(f"{NAMESPACE}{name}")
     return [(each.tag, (each.text or "").strip()) for each in next(found).iter()]
 
 
-def test_both_profiles_write_alike() -> None:
-    assert writer(ANYWHERE) == writer(THIS_HOST)
-    assert len(writer(ANYWHERE)) > 5
+@pytest.mark.parametrize("name", ["data_writer", "builtin"])
+def test_both_profiles_write_and_announce_alike(name: str) -> None:
+    assert part(ANYWHERE, name) == part(THIS_HOST, name)
+    assert len(part(ANYWHERE, name)) > 4
 
 
 CLOSED = {RANGE: "SYSTEM_DEFAULT", PROFILE: str(THIS_HOST), **ALONE}

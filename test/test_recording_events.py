@@ -130,6 +130,3 @@ def test_when_a_restarted_node_began_is_told_of_its_topics_that_are_no_samples_t
     assert bag.recording.began(["estimator/state"], 0.3) is None
     bag.recording.sample(STATE, 0, b"0 again", 41, 0.5)
     assert bag.recording.began(["estimator/state"], 0.15) == 0
-
-
-# What is missing

@@ -97,8 +97,8 @@ class Bounds:
         # [N·m] What feedforward and brake need, and the T for which that would be all of B.
         self.load = _triple(lambda i: feedforward[i] + needed[i])
         self.brake = _triple(lambda i: law.B[i] - feedforward[i] - (needed[i] - law.brake[i]))
-        left = (law.B[i] - feedforward[i] - self.torque_noise[i] for i in range(3))
-        free = arithmetic.least(*(each / row for each, row in zip(left, body.row, strict=True)))
+        left = zip(self.left(feedforward), body.row, strict=True)
+        free = arithmetic.least(*(each / row for each, row in left))
         drift = most(*(arithmetic.sqrt(each.drift**2 + each.turn**2) for each in found))
         self.reserve = free - drift  # [rad/s²] a_r: left for a ramp by the F that the law is told
         # [rad/s²] Largest |V'| where the cap acts, with the error of its estimate in a sample; and
@@ -118,14 +118,17 @@ class Bounds:
         row, spread, W, W1 = self.body.row, self.body.spread, self.assumed.W, self.assumed.W1
         return _triple(lambda i: row[i] * (rate * W + W1) + spread[i] * rate * rate)
 
+    def left(self, feedforward: Numbers) -> Numbers:
+        """What is left of B [N·m] beside the feedforward, by the F that the law is told."""
+        return _triple(lambda i: self.law.B[i] - feedforward[i] - self.torque_noise[i])
+
     def stop_time(self, rate: Number) -> Number | None:
         """T_p [s]: p is 0 after it if the event is told ‖ω_e‖ ≤ rate [rad/s]; None if never."""
         law = self.law
         feedforward = self.feedforward(rate + self.assumed.W + law.z_bar)
         cruises = bool(rate <= law.w_far)
         times = []
-        for i in range(3):
-            left = law.B[i] - feedforward[i] - self.torque_noise[i]
+        for i, left in enumerate(self.left(feedforward)):
             if cruises:
                 left = left - self.body.row[i] * self.stop_load
             if not left > 0:

@@ -237,8 +237,8 @@ class Envelope:
         turned = (impulse * (number(duration) / 2 + law.h) + each * time for each in besides)
         phi = law.z_bar / law.k + bounds.body.box(tuple(turned))
         # The momentum is known by axis, which ends the stop sooner than the rate alone would.
-        left = (law.B[i] - feedforward[i] - bounds.torque_noise[i] for i in range(3))
-        stops = (momentum / each for momentum, each in zip(gained, left, strict=True))
+        left = zip(gained, bounds.left(feedforward), strict=True)
+        stops = (momentum / each for momentum, each in left)
         return phi, number(rate), self._arithmetic.largest(*stops)
 
     def speed_above(self, phi: Number, cap: Number, a: Number, offset: Number) -> Number:
