@@ -115,6 +115,18 @@ def test_a_topic_that_first_comes_after_resets_has_no_part_in_the_times_before()
     assert bag.recording.gaps([]) == [lacks, lacks]
 
 
+def test_what_a_node_sends_without_stamps_stands_at_the_state_with_which_it_came() -> None:
+    bag = Bag()
+    for step, data in enumerate((b"on", b"off", b"off", b"on")):
+        bag.run(range(step, step + 1))
+        bag.with_state("mode", 0, data)
+    assert [(time, data) for name, time, data in bag.written if name == "mode"] == [
+        (stamp_ns(0), b"on"),
+        (stamp_ns(1), b"off"),
+        (stamp_ns(3), b"on"),
+    ]
+
+
 def test_when_a_restarted_node_began_is_told_of_its_topics_that_are_no_samples_too() -> None:
     """And it is zero once time has begun again: the node has its values from there on."""
     bag = Bag()

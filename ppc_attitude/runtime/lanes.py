@@ -79,4 +79,25 @@ class Told:
     epoch: int  # of the states to which its messages belong
     heard: int = -1  # the latest stamp [ns]
     data: bytes | None = None
+    is_stamped: bool = True  # the latest one, for all that is known: its stamp is not zero again
     publishers: Publishers = field(default_factory=Publishers)
+
+    def take(self, stamp_ns: int, data: bytes, epoch: int, state_ns: int) -> bool:
+        """Take a message into its epoch, given that of the states and the stamp of the newest.
+
+        The epoch is one ahead of the states' where time begins again with the next state. Returns
+        False for a message that came once more, with a repeated state.
+        """
+        again = data == self.data
+        goes_back = stamp_ns <= self.heard
+        if self.epoch < epoch and goes_back and not (again and stamp_ns > state_ns):
+            self.epoch = epoch
+        elif again:
+            return False
+        elif self.epoch > epoch:  # after its zero came another stamp, and no state of zero
+            self.epoch = epoch
+        elif stamp_ns == 0 < self.heard:
+            self.epoch += 1
+        self.is_stamped = stamp_ns != 0 or self.heard != 0
+        self.heard, self.data = stamp_ns, data
+        return True

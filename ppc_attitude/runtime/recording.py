@@ -103,27 +103,17 @@ class Recording:
             return
         if stamp_ns > self._end:
             return
-        epoch = self._states.epoch
-        topic = self._told.setdefault(name, Told(epoch))
+        topic = self._told.setdefault(name, Told(self._states.epoch))
         topic.publishers.hear(number, stamp_ns, now)
-        again = topic.data == data
-        if topic.epoch < epoch and stamp_ns <= topic.heard and not (again and stamp_ns > self.now):
-            topic.epoch = epoch  # the states have begun again, and now this topic has
-        elif again:
-            return  # it came with a repeated state
-        elif topic.epoch > epoch:  # after its zero came another stamp, and no state of zero
-            topic.epoch = epoch
-            self._early.pop(name, None)
-        elif stamp_ns == 0 < topic.heard:  # it comes before the state with which time begins again
-            topic.epoch += 1
-        elif stamp_ns == topic.heard == 0:  # it has no stamps
-            self.event(name, None, data)
+        if not topic.take(stamp_ns, data, self._states.epoch, self.now):
             return
-        topic.heard, topic.data = stamp_ns, data
-        if topic.epoch > epoch:
+        self._early.pop(name, None)
+        if topic.epoch > self._states.epoch:
             self._early[name] = data
-        else:
+        elif topic.is_stamped:
             self._write(name, self._origins[topic.epoch] + stamp_ns, data)
+        else:
+            self.event(name, None, data)
 
     def sample(
         self,
