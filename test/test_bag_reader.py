@@ -238,6 +238,12 @@ def test_a_node_that_is_named_with_its_namespace_goes_before_one_without() -> No
         assert [of_namespace(nodes, home)["n"] for home in ("/a", "/b", "/c")] == [2, 3, 1]
 
 
+def test_a_node_without_a_namespace_is_of_no_run_that_has_one() -> None:
+    nodes = {"/n": 1, "/a/m": 2}
+    assert [of_namespace(nodes, home) for home in ("", "/a")] == [{"n": 1}, {"m": 2}]
+    assert of_namespace({"/n": 1, "n": 2}, "") == {"n": 1}
+
+
 def test_messages_in_either_byte_order_with_frame_names_of_all_lengths(tmp_path: Path) -> None:
     sequence = []
     for count, (topic, stamp, data) in enumerate(messages(RUN)):

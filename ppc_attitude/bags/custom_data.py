@@ -146,12 +146,12 @@ def usable(node: str, values: Mapping[str, Any], flaws: list[str]) -> dict[str, 
 def of_namespace(nodes: Mapping[str, Any], namespace: str) -> dict[str, Any]:
     """Facts about the nodes of a namespace, by the node's bare name.
 
-    A node with the namespace in its name goes before one without.
+    A bare name stands for a node of every namespace; one with a namespace goes before it.
     """
     found = {}
-    for node, said in sorted(nodes.items(), key=lambda each: each[0].strip("/").count("/")):
-        home, _, name = f"/{node.lstrip('/')}".rpartition("/")
-        if home in ("", namespace):
+    for node, said in sorted(nodes.items(), key=lambda each: "/" in each[0]):
+        home, slash, name = node.rpartition("/")
+        if not slash or f"/{home.strip('/')}".rstrip("/") == namespace:
             found[name] = said
     return found
 
