@@ -136,6 +136,10 @@ WRONG = {
     "wrong choice": (["--ros-args", "-p", "storage:=tape"], "one of mcap, sqlite3"),
     "no namespace": (["--ros-args", "-p", "namespaces:=[]"], "allowed: at least one"),
     "impossible namespace": (["--ros-args", "-p", "namespaces:=[a-b]"], "a-b"),
+    "two runs on one topic": (
+        ["--ros-args", "-p", "namespaces:=['', truth]"],
+        "/truth/attitude would be a topic of 2 runs; allowed: namespaces that share no topic",
+    ),
     "facts of a wrong type": (
         ["--ros-args", "-p", """run_info:='{"samples": {"plant": 3}}'"""],
         "run_info: samples = {'plant': 3}; allowed: an object with the list of topics of each node",

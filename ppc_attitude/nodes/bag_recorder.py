@@ -27,7 +27,6 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.qos import ReliabilityPolicy
 from rclpy.serialization import serialize_message
-from rclpy.validate_topic_name import validate_topic_name
 from rosgraph_msgs.msg import Clock
 
 from ppc_attitude.bags.custom_data import (
@@ -61,8 +60,14 @@ from ppc_attitude.nodes.executors import Flow
 from ppc_attitude.nodes.messages import Take, changed, message_class, take_gathered
 from ppc_attitude.nodes.publisher_watch import publishing_nodes
 from ppc_attitude.nodes.qos import published, recorded
-from ppc_attitude.nodes.run_graph import ParameterSurvey, RunGraph, comes_with_state, telling
-from ppc_attitude.nodes.running import check_name, run_node
+from ppc_attitude.nodes.run_graph import (
+    ParameterSurvey,
+    RunGraph,
+    comes_with_state,
+    homes_of,
+    telling,
+)
+from ppc_attitude.nodes.running import run_node
 from ppc_attitude.processes.child import come_last, give_way
 from ppc_attitude.processes.exits import BROKEN
 from ppc_attitude.processes.telling import BAG, tell, tell_broken
@@ -119,9 +124,8 @@ class BagRecorder(BaseNode):
         self._recordings: dict[str, Recording] = {}  # by the namespace that is the run's home
         self._progress: dict[str, Any] = {}
         self._restarted: dict[tuple[str, str], tuple[float, dict[str, Any]]] = {}
-        for namespace in self.parameters["namespaces"]:
-            full = self.resolve_topic_name(_states_in(namespace), only_expand=True)
-            self._follow(full.removesuffix(f"/{ATTITUDE.name}"))
+        for home in homes_of(self, self.parameters["namespaces"]):
+            self._follow(home)
         samples = self._run_info.get("samples", {})
         told = {home: of_namespace(samples, home) for home in self._recordings}
         if all(self._is_waited_for(home) for home in self._recordings):
@@ -134,15 +138,10 @@ class BagRecorder(BaseNode):
     def check(self, values: Mapping[str, Value]) -> None:
         """See that the facts about the run can be read, and that the namespaces are valid."""
         read_run_info(str(values["run_info"]))
-        if not values["namespaces"]:
-            raise ConfigurationError("namespaces = []; allowed: at least one; '' is this node's")
-        for namespace in cast(list[str], values["namespaces"]):
-            check_name(validate_topic_name, _states_in(namespace), f"namespaces: {namespace!r}")
+        homes_of(self, cast(list[str], values["namespaces"]))
 
     def _follow(self, home: str) -> None:
         """Record the run in a namespace; subscribe to the contract's topics before any is sent."""
-        if home in self._recordings:
-            return
         self._recordings[home] = Recording(partial(self._write, home))
         name = f"{home}/{RECORDED_TOPIC.name}"
         self._progress[home] = self.create_publisher(Clock, name, published(RECORDED_TOPIC))
@@ -383,11 +382,6 @@ class BagRecorder(BaseNode):
         if self.is_idle():
             return Status(STALE, f"waiting for {ATTITUDE.name}", details)
         return Status(OK, "recording", details)
-
-
-def _states_in(namespace: str) -> str:
-    """Name of the states' topic in a namespace; an empty one is the recorder's own."""
-    return f"{namespace.rstrip('/')}/{ATTITUDE.name}" if namespace else ATTITUDE.name
 
 
 def main() -> int:

@@ -14,6 +14,7 @@
 
 """The nodes of a run: what they publish, by the ROS graph, and their parameters, when asked."""
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import chain
@@ -25,10 +26,12 @@ from rclpy.exceptions import InvalidNodeNameException, InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
+from rclpy.validate_topic_name import validate_topic_name
 
 from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.parameters import is_of_ros
 from ppc_attitude.contract.topics import (
+    ATTITUDE,
     CLOCK_TOPIC,
     EVENTS,
     MARKERS_TOPIC,
@@ -44,6 +47,8 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.parameters import with_lists
+from ppc_attitude.nodes.running import check_name
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import unquoted
 
 _UNSEEN = 2.5  # [s] for which a node may have been there before it is seen
@@ -137,6 +142,30 @@ class RunGraph:
             inside = short != topic and short not in _OURS and topic not in _OURS
             if inside and not hidden and short != "rosout":
                 yield short, types[0]
+
+
+def homes_of(node: Node, namespaces: Sequence[str]) -> list[str]:
+    """Return the full namespaces of some runs, as of `RunGraph`; an empty one is the node's own.
+
+    Raises
+    ------
+    ConfigurationError
+        There is none, ROS does not take one, or two runs would have a topic in common.
+    """
+    if not namespaces:
+        raise ConfigurationError("namespaces = []; allowed: at least one; '' is this node's")
+    homes: dict[str, None] = {}
+    for namespace in namespaces:
+        states = f"{namespace.rstrip('/')}/{ATTITUDE.name}" if namespace else ATTITUDE.name
+        check_name(validate_topic_name, states, f"namespaces: {namespace!r}")
+        full = node.resolve_topic_name(states, only_expand=True)
+        homes[full.removesuffix(f"/{ATTITUDE.name}")] = None
+    names = Counter(f"{home}/{topic.name}" for home in homes for topic in STANDARD)
+    name, runs = names.most_common(1)[0]
+    if runs > 1:
+        told = f"namespaces = {list(namespaces)}: {name} would be a topic of {runs} runs"
+        raise ConfigurationError(f"{told}; allowed: namespaces that share no topic")
+    return list(homes)
 
 
 def comes_with_state(topic: Topic) -> bool:
