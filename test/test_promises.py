@@ -28,11 +28,12 @@ from test_guarantee import complete, values_of
 from ppc_attitude.analysis.guarantee import nodes_around
 from ppc_attitude.analysis.truth import pointing_errors
 from ppc_attitude.command_line.guarantee_view import (
+    Judgement,
     promise_lines,
     time_text,
 )
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
-from ppc_attitude.science.attitude import product
+from ppc_attitude.science.attitude import product, unit_quaternion
 from ppc_attitude.science.guarantee import design
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import (
@@ -160,6 +161,43 @@ def test_a_settled_craft_recovers_from_hits_within_the_promised_time() -> None:
             assert gained <= rate
             most = max(most, float(gained / rate))
     assert most > 0.8
+
+
+def test_a_hit_gains_more_rate_where_the_inertia_is_smaller_than_the_law_knows() -> None:
+    """By up to ε√3 in the proof; without that the craft was faster than the promise allowed for."""
+    assumed = replace(guaranteed()[0], e_S=0.1, d=2e-4, W=2e-3, W1=1e-5, W2=1e-7)
+    law = designed(assumed, Wishes(), 0.01, (1.0, 20.0, 1.0), COARSE).law
+    envelope = Envelope(Bounds(assumed, law, FLOATS, COARSE))
+    lighter = (0.9 * np.array(assumed.inertia)).tolist()
+    given = {
+        PLANT: {"inertia": lighter, "initial_attitude": [0.2, -0.5, -0.5, -0.6782]},
+        REFERENCE: {"amplitude": [0.0, 0.0, 0.0]},
+        INJECTOR: {"environment": "none", **pulse(1.0, 0.01, 8.0, 8.0, 8.0)},
+        CONTROLLER: parameters_of(assumed, law),
+    }
+    record = simulate(load(configs("paper", "guaranteed"), given), 1.02)
+    gained = np.linalg.norm(record["rate_error"], axis=1).max()
+    assert 0.8 * envelope.after_hit(8.0, 0.01)[1] < gained < envelope.after_hit(8.0, 0.01)[1]
+    blind = replace(assumed, e_S=0.5)  # its law is another one, but so is a hit seen by it
+    with pytest.raises(ValueError, match=r"e_S = 0\.5, so no recovery time is promised"):
+        Envelope(Bounds(blind, law, FLOATS, COARSE)).recovery(8.0, 0.01, 5e-3)
+
+
+def test_a_craft_that_has_just_settled_is_promised_no_recovery() -> None:
+    """It still moves: of 2.5 N·m for 10 ms it recovered after 1.29 s, and 1.18 s were promised."""
+    base = load(configs("paper", "guaranteed"))
+    promised = Judgement(base, configs("paper", "guaranteed")).of_hit(2.5, 0.01)
+    assert "again 1.18 s after" in promised
+    assert "follows its brake (phase 3) within its final bound, ‖q_ev‖ ≤ 0.00043" in promised
+    x = -4.99e-3
+    desired = unit_quaternion("q", base.parameters[REFERENCE]["initial_attitude"])
+    near = product(desired, (x, x, x, math.sqrt(1.0 - 3.0 * x * x)))
+    hit = {"environment": "none", **pulse(0.0, 0.01, -2.5, -2.5, -2.5)}
+    given = {PLANT: {"initial_attitude": list(near)}, INJECTOR: hit}
+    record = simulate(load(configs("paper", "guaranteed"), given), 10.0)
+    error = pointing_errors(record).sizes
+    assert error[0] < 5e-3
+    assert record.t[error >= 5e-3][-1] > 1.18
 
 
 def test_who_begins_within_the_accuracy_is_not_promised_to_stay_there_at_once() -> None:

@@ -16,7 +16,7 @@
 
 import math
 from collections.abc import Sequence
-from decimal import ROUND_CEILING, Context, Decimal
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -108,9 +108,9 @@ def time_text(time: float) -> str:
     return str(Decimal(time).quantize(Decimal("0.01"), ROUND_CEILING))
 
 
-def _bound_text(bound: float) -> str:
+def _bound_text(bound: float, rounding: str = ROUND_CEILING) -> str:
     """Write what is never exceeded, with two digits, rounded up."""
-    return f"{float(Context(2, ROUND_CEILING).create_decimal_from_float(bound)):g}"
+    return f"{float(Context(2, rounding).create_decimal_from_float(bound)):g}"
 
 
 def promise_lines(certificate: Certificate, assumed: Assumptions) -> list[str]:
@@ -198,7 +198,7 @@ class Judgement:
         return Envelope(Bounds(self._assumed, self._law, balls()))
 
     def of_hit(self, torque: float, duration: float) -> str:
-        """Say when a settled craft has recovered from a hit.
+        """Say when a craft within its final bound has recovered from a hit.
 
         Raises
         ------
@@ -213,9 +213,11 @@ class Judgement:
                 f"e_W = {self._assumed.e_W:.4g} rad/s, so no recovery is guaranteed"
             )
         time = self._envelope().recovery(torque, duration, self.certificate.accuracy)
+        bound = _bound_text(math.sin(self.certificate.terminal_error), ROUND_FLOOR)
         return (
             f"guaranteed: |q_ev,i| < {self.certificate.accuracy:g} again {time_text(time)} s after "
-            f"the start of a hit whose largest component is {torque:g} N·m, for {duration:g} s"
+            f"the start of a hit whose largest component is {torque:g} N·m, for {duration:g} s, of "
+            f"a craft that follows its brake (phase 3) within its final bound, ‖q_ev‖ ≤ {bound}"
         )
 
     def of_reference(self, rates: Sequence[float]) -> list[str]:

@@ -102,8 +102,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar=("TORQUE", "SECONDS"),
-        help="momentum_tube: also the guaranteed time of a settled craft to recover from a hit "
-        "of TORQUE [N·m] for SECONDS [s]",
+        help="momentum_tube: also the guaranteed time of a craft within its final bound to recover "
+        "from a hit of TORQUE [N·m] for SECONDS [s]",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 

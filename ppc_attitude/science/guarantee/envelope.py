@@ -160,7 +160,9 @@ class Envelope:
         raise ValueError(f"no settling within {_PATIENCE} steps")
 
     def recovery(self, torque: float, duration: float, accuracy: float) -> float:
-        """Guaranteed time [s] from the start of a hit of a settled craft to its recovery.
+        """Guaranteed time [s] from the start of a hit to the recovery of a craft with φ ≤ z̄/k.
+
+        It follows its brake at the start: whoever has just settled still moves faster than z̄.
 
         Parameters
         ----------
@@ -186,7 +188,11 @@ class Envelope:
                 for y, n in zip(law.Y, law.N, strict=True)
             )
         )
-        seen = self._arithmetic.outward(3 * assumed.d + needed)[1]
+        certain = 1 - self._misled()
+        if not certain > 0:
+            told = f"e_S = {float(assumed.e_S):g}, so no recovery time is promised"
+            raise ValueError(f"the law may not recognise a hit of a craft with {told}")
+        seen = self._arithmetic.outward((3 * assumed.d + needed) / certain)[1]
         if torque <= seen:
             raise ValueError(
                 f"the law may not recognise a hit of {torque:g} N·m, or take it for a weak "
@@ -210,7 +216,7 @@ class Envelope:
         """
         number, bounds = self._arithmetic.number, self._bounds
         assumed, law = self._assumed, self._law
-        time, impulse = number(duration) + law.h, number(torque) * duration
+        time, impulse = number(duration) + law.h, (1 + self._misled()) * number(torque) * duration
         # Until the event, after two samples at the latest, nothing is known of the law's torque;
         # nor later if it comes late. An event brakes each axis, so only what D_i bounds still
         # pushes, and what d̂ and N_i ask for beyond a saturated torque.
@@ -240,6 +246,11 @@ class Envelope:
         left = zip(gained, bounds.left(feedforward), strict=True)
         stops = (momentum / each for momentum, each in left)
         return phi, number(rate), self._arithmetic.largest(*stops)
+
+    def _misled(self) -> Number:
+        """Share of a torque that a wrong inertia may add on an axis, or take, as the law sees y."""
+        root = self._arithmetic.sqrt(self._arithmetic.number(3.0))
+        return root * self._bounds.body.inverse_error(self._assumed.e_S)
 
     def speed_above(self, phi: Number, cap: Number, a: Number, offset: Number) -> Number:
         """Return an upper bound of f(φ; V) with a deceleration a: the lesser of g and V.
