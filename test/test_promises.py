@@ -183,6 +183,13 @@ def test_a_hit_gains_more_rate_where_the_inertia_is_smaller_than_the_law_knows()
         Envelope(Bounds(blind, law, FLOATS, COARSE)).recovery(8.0, 0.01, 5e-3)
 
 
+def test_a_hit_counts_as_long_as_it_acts_which_is_from_sample_to_sample() -> None:
+    """Of 2.5 N·m for 10.1 ms, which act for 20, 1.23 s were promised, and it took 1.87 s."""
+    judgement = Judgement(load(configs("paper", "guaranteed")), configs("paper", "guaranteed"))
+    longer, whole = (judgement.of_hit(2.5, duration) for duration in (0.0101, 0.02))
+    assert longer.replace("for 0.0101 s", "for 0.02 s") == whole
+
+
 def test_a_craft_that_has_just_settled_is_promised_no_recovery() -> None:
     """It still moves: of 2.5 N·m for 10 ms it recovered after 1.29 s, and 1.18 s were promised."""
     base = load(configs("paper", "guaranteed"))

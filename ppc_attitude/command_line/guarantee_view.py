@@ -51,6 +51,7 @@ from ppc_attitude.science.guarantee.surroundings import (
 )
 from ppc_attitude.science.references import paper, paper_ahead
 from ppc_attitude.science.sensors.gyro_star_tracker import INITIAL_FIX
+from ppc_attitude.science.stamps import first_step, nanoseconds
 from ppc_attitude.simulation.scenario import Scenario
 
 _PROMISED = ("rate", "time")
@@ -212,7 +213,10 @@ class Judgement:
                 "--hit: the gyro gives the mean rate of a step, which a hit makes lag by more than "
                 f"e_W = {self._assumed.e_W:.4g} rad/s, so no recovery is guaranteed"
             )
-        time = self._envelope().recovery(torque, duration, self.certificate.accuracy)
+        # It acts from state to state, so for up to the next whole number of samples.
+        rate = self._scenario.number(PLANT, "rate")
+        acts = max(first_step(nanoseconds(duration), rate) / rate, duration)
+        time = self._envelope().recovery(torque, acts, self.certificate.accuracy)
         bound = _bound_text(math.sin(self.certificate.terminal_error), ROUND_FLOOR)
         return (
             f"guaranteed: |q_ev,i| < {self.certificate.accuracy:g} again {time_text(time)} s after "
