@@ -14,10 +14,21 @@
 
 """Stamps: which are new, which are refused, when an instant is complete."""
 
+from fractions import Fraction
+
 import pytest
 
 from ppc_attitude.runtime.stamps import Instant, StampGuard, StampKind, out_of_order
-from ppc_attitude.science.stamps import LARGEST_STEP, NANOSECONDS, nanoseconds, span, stamp_of
+from ppc_attitude.science import compiled_stamps
+from ppc_attitude.science.stamps import (
+    LARGEST_STEP,
+    LATEST,
+    NANOSECONDS,
+    nanoseconds,
+    span,
+    stamp_of,
+    step_of,
+)
 
 PERIOD = 10_000_000
 NEW, REPEATED = StampKind.NEW, StampKind.REPEATED
@@ -42,6 +53,18 @@ def test_a_span_of_whole_steps_has_as_many_stamps_whatever_the_rate(rate: float)
         first, end = span(k / rate, (k % 7 + 1) / rate)
         acts = [j for j in range(k + 20) if first <= stamp_of(j, rate) < end]
         assert acts == [*range(k, k + k % 7 + 1)]
+
+
+@pytest.mark.parametrize("rate", [1.0, 7.3, 1000.0, 10000.0])
+def test_a_kernel_counts_steps_as_far_as_any_run_reaches(rate: float) -> None:
+    """Integers of 64 bits overflowed: after 107 days at 1 kHz a filter knew no fix's instant."""
+    steps = step_of(nanoseconds(LATEST), rate)
+    for step in (steps, steps // 10, steps // 1000):
+        stamp = compiled_stamps.stamp_of(step, rate)
+        assert stamp == stamp_of(step, rate)
+        off = stamp - Fraction(step * NANOSECONDS) / Fraction(rate)
+        assert abs(off) <= 8  # half of a float's last digit
+        assert compiled_stamps.step_of(stamp, rate) == step
 
 
 @pytest.mark.parametrize("start", [3, 1_000_000 * NANOSECONDS], ids=["earlier", "far ahead"])

@@ -41,7 +41,8 @@ def span(start: float, duration: float) -> tuple[int, int]:
 
 def stamp_of(step: int, rate: float) -> int:
     """Stamp [ns] of a step of a loop that runs at `rate` [Hz]."""
-    return round(step * NANOSECONDS / rate)
+    # In floats, as a kernel's integers overflow: at 1 kHz they would do so after 107 days.
+    return round(step * float(NANOSECONDS) / rate)
 
 
 def step_of(stamp_ns: int, rate: float) -> int:
