@@ -21,12 +21,14 @@ from hypothesis import strategies as st
 
 from ppc_attitude.analysis.drawing import (
     BUCKETS,
+    DOTS,
     band,
     decimated,
     draw,
     legend,
     log_axis,
     panels,
+    thinned,
     time_axis,
 )
 
@@ -57,6 +59,25 @@ def test_what_is_kept(n, seed, holes):
     if np.isfinite(values).any():
         assert np.nanmax(y) == np.nanmax(values)
         assert np.nanmin(y) == np.nanmin(values)
+
+
+@settings(max_examples=40, deadline=None)
+@given(n=st.integers(1, 40_000), seed=st.integers(0, 2**32 - 1), holes=st.floats(0, 1))
+def test_a_cloud_of_dots_stays_light_and_loses_no_extreme(n, seed, holes):
+    """Each of a day's 864 000 fixes was a dot: the report had half a gigabyte."""
+    random = np.random.default_rng(seed)
+    values = random.normal(size=n)
+    values[random.random(n) < holes] = np.nan
+    finite = np.isfinite(values)
+    x, y = thinned(np.arange(float(n)), values)
+    assert (np.diff(x) > 0).all()
+    assert np.array_equal(values[x.astype(int)], y, equal_nan=True)
+    assert x.size <= DOTS + 2
+    assert finite.sum() > DOTS or np.array_equal(y[np.isfinite(y)], values[finite])
+    if finite.any():
+        assert (np.nanmin(y), np.nanmax(y)) == (np.nanmin(values), np.nanmax(values))
+    # The others tell the spread of all: extremes alone would be twice as wide as it.
+    assert holes > 0.5 or n < 20_000 or np.quantile(np.abs(y[np.isfinite(y)]), 0.1) < 0.6
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
+from numpy.typing import NDArray
 
 from ppc_attitude.analysis.series import Mask
 from ppc_attitude.contract.run_record import Array
@@ -47,6 +48,8 @@ Drawn: TypeAlias = dict[str, tuple[str, Figure]]
 
 BUCKETS = 600
 """Pairs of points a line is drawn with: more than a printed column can show."""
+DOTS = 4 * BUCKETS
+"""Dots of a component: a day of fixes, each a dot, made a report of half a gigabyte."""
 NOISY = 4.0
 """How many times its own height a line travels within a stretch before it is drawn as a band."""
 
@@ -125,14 +128,37 @@ def decimated(t: Array, values: Array) -> tuple[Array, Array]:
     """
     if values.size <= 2 * BUCKETS:
         return t, values
+    picked = np.concatenate([[0], _extremes(values), [values.size - 1]])
+    return t[picked], values[picked]
+
+
+def thinned(t: Array, values: Array) -> tuple[Array, Array]:
+    """Thin a cloud of dots, shape (n,), so that it stays light and no extreme is lost.
+
+    Returns the samples themselves if they are few; otherwise the first and the last sample, and of
+    those that are finite at most `DOTS`: the extremes of each of `BUCKETS` stretches, and others in
+    equal distances, which show how dense the cloud is.
+    """
+    if values.size <= DOTS:
+        return t, values
+    picked = np.flatnonzero(np.isfinite(values))
+    if picked.size > DOTS:
+        every = -(-picked.size // (DOTS - 2 * BUCKETS))
+        others = np.arange(0, picked.size, every)
+        picked = picked[np.union1d(_extremes(values[picked]), others)]
+    picked = np.union1d(picked, [0, values.size - 1])
+    return t[picked], values[picked]
+
+
+def _extremes(values: Array) -> NDArray[np.intp]:
+    """Where the least and the largest of each of `BUCKETS` stretches of a line are, in order."""
     rows = _stretches(values)
     gaps = np.isnan(rows)
     extremes = np.column_stack(
         [np.where(gaps, np.inf, rows).argmin(axis=1), np.where(gaps, -np.inf, rows).argmax(axis=1)]
     )
     picked = np.sort(extremes, axis=1) + rows.shape[1] * np.arange(len(rows))[:, None]
-    picked = np.concatenate([[0], picked.ravel(), [values.size - 1]])
-    return t[picked], values[picked]
+    return np.asarray(picked.ravel())
 
 
 def _stretches(values: Array) -> Array:
@@ -194,6 +220,11 @@ def draw(
         label=label or "_",
         solid_joinstyle="round",
     )
+
+
+def dots(axes: Axes, t: Array, values: Array, *, label: str, colour: str) -> None:
+    """Draw samples as a thinned cloud of dots."""
+    axes.plot(*thinned(t, values), ".", color=colour, markersize=1.5, label=label)
 
 
 def judged_limit(axes: Axes, t: Array, judged: Mask, level: float, **told: Any) -> None:

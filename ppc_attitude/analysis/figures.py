@@ -31,6 +31,7 @@ from ppc_attitude.analysis.drawing import (
     LIMIT_STYLE,
     RED,
     Drawn,
+    dots,
     draw,
     in_degrees,
     judged_limit,
@@ -215,7 +216,7 @@ def innovation_figure(run: Measured) -> Figure:
     figure, (top, bottom) = panels(2, share_x=True)
     points(top, run.t, values)
     limit_lines(top, BAND, -BAND, label="3σ")
-    bottom.plot(run.t, np.square(values).sum(axis=1), ".", color=BLACK, markersize=1.5, label="NIS")
+    dots(bottom, run.t, np.square(values).sum(axis=1), label="NIS", colour=BLACK)
     gate = run.record.parameters.get(ESTIMATOR, {}).get("gate")
     if gate is not None and not run.changed(ESTIMATOR, "gate"):
         limit_lines(bottom, gate, label=f"gate {gate:g}")

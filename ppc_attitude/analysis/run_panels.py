@@ -32,6 +32,7 @@ from ppc_attitude.analysis.drawing import (
     ORANGE,
     PURPLE,
     SKY,
+    dots,
     draw,
     judged_limit,
     legend,
@@ -142,7 +143,7 @@ def components(axes: Axes, t: Array, values: Array, names: Sequence[str] = ()) -
 def points(axes: Axes, t: Array, values: Array) -> None:
     """Draw the components of a column with samples at some instants only, with their names."""
     for axis, colour, component in zip(AXES, AXIS_COLOURS, values.T, strict=False):
-        axes.plot(t, component, ".", color=colour, markersize=1.5, label=axis)
+        dots(axes, t, component, label=axis, colour=colour)
 
 
 def finish(shown: Sequence[Axes], run: Measured) -> None:
