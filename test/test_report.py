@@ -75,9 +75,9 @@ def data_of(text):
     return json.loads(re.search(r"json\">(.*)</script>", text)[1])
 
 
-def numbers_of(packed, width=1):
+def numbers_of(packed, width=1, form="<f4"):
     """Rows of numbers as the page carries them, shape (n, width)."""
-    return np.frombuffer(base64.b64decode(packed), "<f4").reshape(-1, width)
+    return np.frombuffer(base64.b64decode(packed), form).reshape(-1, width)
 
 
 def report(tmp_path, *runs, **told):
@@ -230,10 +230,21 @@ def test_figures_can_be_zoomed_on_the_numbers_of_the_drawing(page_of_one):
     told = {line["label"]: line for line in panel["lines"] if line["label"]}
     assert list(told) == ["x", "y", "z", "limit ±0.05 N·m"]
     drawn = next(line for line in figure.axes[0].get_lines() if line.get_label() == "y")
-    points = np.hstack([numbers_of(told["y"][key]) for key in "xy"])
-    assert np.array_equal(points, np.column_stack(drawn.get_data()).astype("<f4"))
+    assert np.array_equal(numbers_of(told["y"]["x"], form="<f8")[:, 0], drawn.get_xdata())
+    assert np.array_equal(numbers_of(told["y"]["y"])[:, 0], drawn.get_ydata().astype("<f4"))
     page, _ = page_of_one
     assert page.tags.count("figure") + 2 == page.tags.count("script")  # the replay, the program
+
+
+def test_times_of_a_flight_of_months_stay_apart():
+    """In four bytes the instants of a run that began three months ago were a second apart."""
+    run = normal_run(10.0)
+    begin = 8_000_000 * 10**9
+    late = Measured(replace(run, stamps_ns=run.stamps_ns + begin))
+    assert late.begin == 8e6
+    (panel,) = data_of(plotted(figures_of(late)["applied_torque"][1]))
+    for times in (panel["lines"][0]["x"], data_of(replay(late))["t"]):
+        assert (np.diff(numbers_of(times, form="<f8")[:, 0]) > 0.009).all()
 
 
 def test_a_chart_has_the_envelopes_by_name_the_limits_of_the_drawing_and_no_marks_of_hits():

@@ -74,7 +74,7 @@ def replay(run: Measured) -> str:
     columns |= {name: column for name, column in others.items() if has(run.record, column)}
     content = _data(
         {
-            "t": _packed(run.t[::step]),
+            "t": _times(run.t[::step]),
             "columns": {
                 name: _packed(
                     np.where(is_finite(run.record, column), run.record[column].T, 0.0).T[::step]
@@ -123,7 +123,7 @@ def _line(axes: Axes, line: Line2D) -> dict[str, Any]:
         x = np.array(axes.get_xlim())
     label = str(line.get_label())
     return {
-        "x": _packed(x),
+        "x": _times(x),
         "y": _packed(y),
         "label": "" if label.startswith("_child") else _plain(label.lstrip("_")),
         "colour": to_hex(line.get_color()),
@@ -136,8 +136,12 @@ def _plain(text: str) -> str:
     return re.sub(r"[${}\\]", "", text).replace("\n", " ")
 
 
-def _packed(values: Array) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")
+def _times(t: Array) -> str:
+    return _packed(t, "<f8")  # in four bytes, times after a month would be a quarter second apart
+
+
+def _packed(values: Array, form: str = "<f4") -> str:
+    return base64.b64encode(np.ascontiguousarray(values, dtype=form).tobytes()).decode("ascii")
 
 
 def _data(content: Any) -> str:

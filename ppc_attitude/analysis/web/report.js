@@ -1,8 +1,8 @@
 // Figures of a report that can be zoomed and read off, and the replay of the attitude.
 "use strict";
 
-const numbers = (text) =>
-  new Float32Array(Uint8Array.from(atob(text), (each) => each.charCodeAt(0)).buffer);
+const numbers = (text, Form = Float32Array) =>
+  new Form(Uint8Array.from(atob(text), (each) => each.charCodeAt(0)).buffer);
 const make = (name, parent, text = "") => {
   const element = parent.appendChild(document.createElement(name));
   element.textContent = text;
@@ -14,7 +14,7 @@ function chart(box, panel, sync) {
   const tables = panel.lines.map((line) => {
     const y = Array.from(numbers(line.y), (each) =>
       Number.isNaN(each) || (panel.scale === "log" && each <= 0) ? null : each);
-    return [Array.from(numbers(line.x)), y];
+    return [Array.from(numbers(line.x, Float64Array)), y];
   });
   const distribution = { linear: 1, log: 3, symlog: 4 }[panel.scale];
   const [least, most] = panel.limits || [-Infinity, Infinity];
@@ -75,7 +75,7 @@ const rotate = (q, v) => {
 
 document.querySelectorAll(".replay").forEach((place) => {
   const data = JSON.parse(place.querySelector("script").textContent);
-  const t = numbers(data.t), columns = {};
+  const t = numbers(data.t, Float64Array), columns = {};
   for (const [name, text] of Object.entries(data.columns)) columns[name] = numbers(text);
   const row = (name, width, k) => columns[name] && columns[name].slice(width * k, width * (k + 1));
   const canvas = make("canvas", place), controls = make("div", place);
