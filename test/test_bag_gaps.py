@@ -28,7 +28,7 @@ from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.bags.changes import encode_changes
 from ppc_attitude.bags.custom_data import GAPS_KEY
 from ppc_attitude.bags.errors import BagError
-from ppc_attitude.bags.reader import read_run
+from ppc_attitude.bags.reader import read_run, read_runs
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.cdr import Codec
@@ -344,6 +344,14 @@ def test_a_topic_that_only_ends_like_one_of_ours_is_no_matter_of_the_run(tmp_pat
     sun = replace(BY_NAME["sun"], name="sunmag/sun", frame_id="body")
     sequence = [*messages(RUN), (sun, 0, Codec(sun).encode(0, (1.0, 0.0, 0.0)))]
     assert not read_run(write_messages(tmp_path / "bag", sequence, run=RUN)).warnings
+
+
+def test_a_topic_of_another_craft_is_no_topic_of_a_wrong_type(tmp_path: Path) -> None:
+    """The command of the craft `/wheels` has the name of wheels' torques without a namespace."""
+    bag = write_messages(tmp_path / "bag", list(messages(RUN)), namespaces=("", "/wheels"), run=RUN)
+    for read in read_runs(bag):
+        assert not read.warnings
+        assert read.missing_messages == 0
 
 
 def test_a_law_is_not_asked_for_what_it_does_not_send(tmp_path: Path) -> None:

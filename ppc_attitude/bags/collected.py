@@ -109,7 +109,8 @@ class Collected:
         unstamped = False  # whether the attitude, and with it the run, counts by receipt
         for topic in SAMPLED:
             name = f"{namespace}/{topic.name}"
-            parts = self._parts.pop(name, [])
+            ours = types.get(name) in carriers(topic)  # else it may be a topic of another run
+            parts = self._parts.pop(name, []) if ours else []
             wanted = self._names.get(topic, name)
             if wanted in types:
                 name, parts = wanted, self._parts.pop(topic.name, parts)

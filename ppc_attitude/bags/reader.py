@@ -354,10 +354,11 @@ def _lacking(
     """Topics that a run should have and has not, and why if the bag has them after all."""
     found = {}
     sent, others = promised(parameters), _of_others(parameters)
+    beside = {*_run_namespaces(bag)} - {home}
     for topic in SAMPLED:
         name = f"{home}/{topic.name}"
         msgtype = bag.topics.get(name, topic.msgtype)
-        if topic in series or topic in others:
+        if topic in series or topic in others or beside & dict(readings(name, msgtype)).keys():
             continue
         if msgtype not in carriers(topic):
             found[topic] = f"{topic.name} ({_wrong_type(topic, msgtype)})"
