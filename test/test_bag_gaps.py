@@ -35,6 +35,7 @@ from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.declared import BY_NAME
 from ppc_attitude.contract.run_record import Change
 from ppc_attitude.contract.topics import (
+    ALLOCATOR,
     ANGULAR_VELOCITY,
     APPLIED_TORQUE,
     ATTITUDE,
@@ -348,10 +349,14 @@ def test_a_topic_that_only_ends_like_one_of_ours_is_no_matter_of_the_run(tmp_pat
 
 def test_a_topic_of_another_craft_is_no_topic_of_a_wrong_type(tmp_path: Path) -> None:
     """The command of the craft `/wheels` has the name of wheels' torques without a namespace."""
-    bag = write_messages(tmp_path / "bag", list(messages(RUN)), namespaces=("", "/wheels"), run=RUN)
-    for read in read_runs(bag):
+    both, told = ("", "/wheels"), list(messages(RUN))
+    for read in read_runs(write_messages(tmp_path / "bag", told, namespaces=both, run=RUN)):
         assert not read.warnings
         assert read.missing_messages == 0
+    allocates = replace(RUN, parameters={**RUN.parameters, ALLOCATOR: {"allocator": "wheel_drive"}})
+    bag = write_messages(tmp_path / "lacks", told, namespaces=both, run=allocates)
+    (warning,) = read_run(bag, namespace="").warnings
+    assert "lacks messages of wheels/torque_command (its type is geometry_msgs" in warning
 
 
 def test_a_law_is_not_asked_for_what_it_does_not_send(tmp_path: Path) -> None:

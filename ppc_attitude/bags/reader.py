@@ -358,7 +358,8 @@ def _lacking(
     for topic in SAMPLED:
         name = f"{home}/{topic.name}"
         msgtype = bag.topics.get(name, topic.msgtype)
-        if topic in series or topic in others or beside & dict(readings(name, msgtype)).keys():
+        of_another = topic not in sent and beside & dict(readings(name, msgtype)).keys()
+        if topic in series or topic in others or of_another:
             continue
         if msgtype not in carriers(topic):
             found[topic] = f"{topic.name} ({_wrong_type(topic, msgtype)})"
