@@ -123,6 +123,7 @@ def test_a_subscriber_that_keeps_all_and_reads_nothing_is_named_and_not_waited_f
     assert read_run(run.bag).missing_messages == 0
 
 
+@pytest.mark.parametrize("home", ["/", "/chief"])
 @pytest.mark.parametrize(
     ("stranger", "recorder_goes", "waited", "lingers", "named"),
     [
@@ -137,8 +138,10 @@ def test_who_is_not_of_the_run_is_waited_for_until_its_recorder_goes(
     waited: float,
     lingers: bool,
     named: str,
+    home: str,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    """The recorder of several craft is in no namespace, or in that of one of them."""
     time, told, warnings = [0.0], [], []
 
     def wait(duration: Duration) -> bool:
@@ -154,7 +157,7 @@ def test_who_is_not_of_the_run_is_waited_for_until_its_recorder_goes(
     )
     node: Any = SimpleNamespace(
         now=lambda: time[0],
-        get_namespace=lambda: "/",
+        get_namespace=lambda: home,
         get_subscriptions_info_by_topic=readers,
         get_logger=lambda: SimpleNamespace(warning=warnings.append),
     )

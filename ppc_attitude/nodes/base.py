@@ -311,6 +311,8 @@ class BaseNode(Node):
             while publisher.get_subscription_count() and not publisher.wait_for_all_acked(_GLANCE):
                 readers = self.get_subscriptions_info_by_topic(publisher.topic_name)
                 names = set(map(node_of, readers))
+                # One recorder may record several craft; then its namespace is another.
+                ours |= {name for name in names if name.endswith(f"/{RECORDER}")}
                 waited = self.now() - begin
                 if waited < _SOON:
                     continue
