@@ -223,6 +223,8 @@ def test_a_design_says_which_of_its_assumptions_the_craft_does_not_keep(
     monkeypatch.setattr(module, "FINE", COARSE)  # and nothing else: the command proves with balls
     told = ask("design", *CONFIG, "--gains", 0.1, 4, 1, "--assume", "d=1e-5").out
     assert "warning: assumption not kept: the environment reaches 0.004374 N·m; assumed: d" in told
+    told = ask("design", *CONFIG, "--gains", 1, 15, 0.2, "--assume", "W=0.01").out
+    assert "warning: assumption not kept: the reference reaches 0.01392; assumed: W = 0.01" in told
 
 
 @pytest.mark.usefixtures("coarse")

@@ -21,6 +21,7 @@ import argparse
 import json
 import math
 from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
 
 from ppc_attitude.analysis.guarantee import nodes_around
@@ -68,6 +69,7 @@ from ppc_attitude.science.guarantee.surroundings import (
     TUBE,
     assumptions_from,
     broken_assumptions,
+    broken_by_reference,
     suspensions,
     tube_of,
     white_noise,
@@ -211,9 +213,11 @@ def execute(arguments: argparse.Namespace) -> int:
         print(f"for the gains found, these inequalities cannot be proved: {', '.join(failing)}")
         return REQUIREMENT_FAILED
     _tell(found, certificate, assumed)
-    for broken in broken_assumptions(assumed, found.law, nodes):
+    duration = scenario.number(PLANT, "duration")
+    of_reference = broken_by_reference(assumed, nodes, duration)
+    for broken in chain(broken_assumptions(assumed, found.law, nodes), of_reference):
         print(f"warning: assumption not kept: {broken}")
-    for suspension in suspensions(assumed, nodes, scenario.number(PLANT, "duration")):
+    for suspension in suspensions(assumed, nodes, duration):
         print(f"warning: {suspension}")
     if arguments.output:
         law = str(scenario.parameters[CONTROLLER]["controller"])
