@@ -294,6 +294,14 @@ def test_refusals_name_what_is_wrong(tmp_path: Path) -> None:
     with pytest.raises(BagError, match=r"holds no messages"):
         recover(headless)
     assert storage_file(headless).stat().st_size == 20
+    flipped = cut_copy(tmp_path / "bag", tmp_path / "flipped", 10**9)
+    (flipped / "metadata.yaml").unlink(missing_ok=True)
+    content = bytearray(storage_file(flipped).read_bytes())
+    for chunk in chunks_in(bytes(content)):
+        content[chunk + 1000] ^= 1
+    storage_file(flipped).write_bytes(content)
+    with pytest.raises(BagError, match=r"can be recovered: .*left out: its checksum is wrong"):
+        recover(flipped)
     two = cut_copy(tmp_path / "bag", tmp_path / "two", 5000)
     (two / "other.mcap").write_bytes(b"\x89MCAP0\r\n")
     with pytest.raises(BagError, match=r"has bag.mcap, other.mcap; allowed: one file"):

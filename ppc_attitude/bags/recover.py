@@ -92,7 +92,8 @@ def _cut(folder: Path) -> Bag:
     if not bag.flaws:
         raise BagError(f"{folder} was closed by its recorder, there is nothing to recover")
     if not bag.counts.total():
-        raise BagError(f"{folder} holds no messages, there is nothing to recover")
+        found = "; ".join(bag.flaws)
+        raise BagError(f"{folder} holds no messages that can be recovered: {found}")
     return bag
 
 
