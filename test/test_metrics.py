@@ -271,3 +271,24 @@ def test_the_metrics_of_arbitrary_errors(seed, holes, rate):
     assert metrics.error_after_settling_deadline == pytest.approx(late, rel=1e-12)
     assert metrics.terminal_error == pytest.approx(end, rel=1e-12)
     assert metrics.time_outside_attitude_envelope_s == pytest.approx(outside / rate, abs=1e-9)
+
+
+def test_instants_of_a_long_flight_are_told_to_a_tenth_of_a_second():
+    """Six digits told a fault of 5 s after three months as 8.00005e+06 to 8.00006e+06 s."""
+    run, begin = hit_run(), 8_000_000
+    plant = {
+        **run.parameters["spacecraft_plant"],
+        "faults": [f"star_tracker blind from {begin + 50.5} for 5"],
+    }
+    verdict = Verdict(
+        replace(
+            run,
+            stamps_ns=run.stamps_ns + begin * 10**9,
+            parameters={**run.parameters, "spacecraft_plant": plant},
+        )
+    )
+    assert verdict.faults == ("star_tracker blind, 8000050.5 to 8000055.5 s",)
+    table = verdict_table(verdict)
+    assert "8000100 to 8000120" in table
+    assert "the sudden disturbance at 8000080 s are over" in table
+    assert "e+06 to" not in table

@@ -36,7 +36,7 @@ class Acting(NamedTuple):
 
     def __str__(self) -> str:
         """Tell it in a few words."""
-        return f"{self.text}, {self.start_s:g} to {self.end_s:g} s"
+        return f"{self.text}, {self.start_s:.9g} to {self.end_s:.9g} s"
 
 
 @once

@@ -145,7 +145,7 @@ def angular_velocity_figure(run: Measured) -> Figure:
     draw(bottom, run.t, np.linalg.norm(run.rate, axis=1), label="norm")
     limit = run.required.rate
     if limit is not None and run.first_hit > 0.0:
-        until = "" if run.first_hit > run.end else f", judged to {run.first_hit:g} s"
+        until = "" if run.first_hit > run.end else f", judged to {run.first_hit:.9g} s"
         judged_limit(bottom, run.t, run.calm, limit, label=f"limit {limit:g} deg/s{until}")
     bottom.set_ylim(bottom=0.0)
     top.set_ylabel("angular velocity [deg/s]")

@@ -155,7 +155,7 @@ class Measured:
         """Say where the run ends, or the attitude error before it."""
         whole = self.known_until == self.end
         ends = "the run ends at" if whole else "no attitude error is known after"
-        return f"{ends} {self.known_until:g} s"
+        return f"{ends} {self.known_until:.9g} s"
 
     def ends_before(self, needed: float, what: str) -> str:
         """Why an error that ends before some time [s] does not show it; empty if it does."""

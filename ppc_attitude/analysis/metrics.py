@@ -236,15 +236,16 @@ class Verdict(Measured):
         deadline, (_, until) = self.required.settling_deadline, self.calm_span
         why, note = self.lacks_settled, ""
         if self.first_hit < deadline:
-            why = f"a sudden disturbance at {until:g} s comes before the deadline of {deadline:g} s"
+            hit = f"a sudden disturbance at {until:.9g} s"
+            why = f"{hit} comes before the deadline of {deadline:g} s"
         if self.metrics.settled is False:
-            note = f"still not settled at {until:g} s"
+            note = f"still not settled at {until:.9g} s"
         value = self.metrics.settling_time_s
         if value is None and self.metrics.settled:
             value = self.known_from
             note = "at most: it was settled when the record of the error begins"
             if value >= deadline:
-                why = why or f"the record of the error begins at {value:g} s, after the deadline"
+                why = why or f"the record of the error begins at {value:.9g} s, after the deadline"
         if not why and self.metrics.settled is False and (value or 0.0) < deadline:
             why = f"a sudden disturbance came when the craft was {note}"
         if value is not None and (unseen := self.hidden.get(None)):
@@ -275,11 +276,11 @@ class Verdict(Measured):
 
     def _terminal(self, accuracy: Accuracy) -> Requirement:
         last, deadline = self.required.terminal_window, self.required.settling_deadline
-        start = f"the sudden disturbance at {self.last_hit:g} s" if self.last_hit else "the start"
+        start = f"the sudden disturbance at {self.last_hit:.9g} s" if self.last_hit else "the start"
         what = f"{last:g} s that begin {deadline:g} s after {start} are over"
         begins = ""
         if self.shorter_than_window:
-            late = f"the record of the error begins at {self.known_from:g} s"
+            late = f"the record of the error begins at {self.known_from:.9g} s"
             begins = f"{late}, within the last {last:g} s"
         return self.row(
             "terminal_error",
@@ -336,9 +337,9 @@ class Verdict(Measured):
                     note = f"at most: {not_on_record(unseen)}" if unseen else ""
                 slowest = max(taken, slowest or 0.0)
             elif time > limit:
-                never = f"not recovered from the sudden disturbance at {hit.start_s:g} s"
+                never = f"not recovered from the sudden disturbance at {hit.start_s:.9g} s"
             elif following is None and not never and (slowest or 0.0) <= limit:
-                after = f"after the sudden disturbance at {hit.start_s:g} s are over"
+                after = f"after the sudden disturbance at {hit.start_s:.9g} s are over"
                 why = why or f"{self.ending}, before the {limit:g} s {after}"
         if unknown and not never and (slowest or 0.0) <= limit:
             why = why or unknown

@@ -115,7 +115,7 @@ def _run_section(verdict: Verdict, title: str) -> str:
     facts = [
         ("source", record.source),
         ("controller", record.controller),
-        ("duration", f"{verdict.duration_s:g} s in {verdict.t.size} instants"),
+        ("duration", f"{verdict.duration_s:.9g} s in {verdict.t.size} instants"),
         ("truth", STANDING[verdict.truth.standing]),
         ("missing messages", str(record.missing_messages)),
     ]
@@ -211,7 +211,7 @@ def _disturbances(verdict: Verdict) -> str:
     if not verdict.metrics.disturbances:
         return "<p>No sudden disturbance.</p>"
     rows = [
-        (f"{hit.start_s:g}", f"{hit.duration_s:g}", torque_text(hit), hit.outcome, hit.judged_by)
+        (f"{hit.start_s:.9g}", f"{hit.duration_s:g}", torque_text(hit), hit.outcome, hit.judged_by)
         for hit in verdict.metrics.disturbances
     ]
     titles = ("start [s]", "duration [s]", "torque x, y, z [N·m]", "recovery", "judged by")

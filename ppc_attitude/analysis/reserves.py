@@ -69,7 +69,7 @@ def judge_wheels(run: Measured) -> Iterator[Requirement]:
         note = ""
         if shares is not None and len(above := np.argwhere(shares > RESERVE)):
             since, wheel = run.t[above[0, 0]], above[0, 1]
-            note = f"wheel {wheel} is above the limit from {since:.6g} s on, so momentum runs out"
+            note = f"wheel {wheel} is above the limit from {since:.9g} s on, so momentum runs out"
         yield run.row("wheel_speed", largest(shares), RESERVE, "", why, note=note)
 
 

@@ -166,4 +166,4 @@ def number_text(value: float) -> str:
 
 def span_text(span: Span | None) -> str:
     """Write a part of a run for a reader."""
-    return "–" if span is None else f"{span[0]:g} to {span[1]:g}"
+    return "–" if span is None else f"{span[0]:.9g} to {span[1]:.9g}"

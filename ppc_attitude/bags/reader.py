@@ -259,7 +259,7 @@ def _of_the_ends(record: RunRecord, *, cut: bool) -> Iterator[str]:
     begin, end, end_ns = record.t[0], record.t[-1], _end_ns(plant)
     if plant.get("rate") and 0.0 < begin <= LATEST:
         yield (
-            f"the record begins at {begin:g} s: earlier inputs, and the states that components "
+            f"the record begins at {begin:.9g} s: earlier inputs, and the states that components "
             "had reached, are not in it, so a replay may differ"
         )
     if not cut and end_ns and record.stamps_ns[-1] < end_ns:

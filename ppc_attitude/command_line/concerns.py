@@ -53,4 +53,4 @@ def see_that_it_is_bounded(scenario: Scenario, record: RunRecord) -> None:
     if lost < record.t.size:
         rate, t = record[truth_of(record).angular_velocity][lost], record.t[max(lost - 1, 0)]
         why = raised_until(scenario, record.stamps_ns[: lost + 1])
-        raise RunError(f"diverged: angular velocity {tuple(rate.tolist())} rad/s at {t:g} s{why}")
+        raise RunError(f"diverged: angular velocity {tuple(rate.tolist())} rad/s at {t:.9g} s{why}")

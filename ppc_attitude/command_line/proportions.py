@@ -256,7 +256,7 @@ def _of_pulses(scenario: Scenario, required: Requirements, task: Task) -> Iterat
         start_ns, end_ns = int(hit["start_ns"]), int(hit["end_ns"])
         acts = (first_step(end_ns, rate) - first_step(start_ns, rate)) / rate
         yield advisable(
-            f"pulse at {seconds(start_ns):g} s",
+            f"pulse at {seconds(start_ns):.9g} s",
             float(np.abs(hit["torque"]).max()) * acts / task.torque,
             required.recovery,
             "s",

@@ -38,7 +38,7 @@ def verdict_table(verdict: Verdict) -> str:
         for row in cells
     ]
     lines = [
-        f"{record.source}: controller {record.controller}, {verdict.duration_s:g} s, "
+        f"{record.source}: controller {record.controller}, {verdict.duration_s:.9g} s, "
         f"{verdict.t.size} instants, {record.missing_messages} missing messages",
         STANDING[verdict.truth.standing],
         "",
@@ -69,7 +69,7 @@ def error_text(error: ErrorSize) -> str:
 def disturbance_text(disturbance: Disturbance) -> str:
     """One sudden disturbance in one line."""
     return (
-        f"sudden disturbance at {disturbance.start_s:g} s, ({torque_text(disturbance)}) N·m "
+        f"sudden disturbance at {disturbance.start_s:.9g} s, ({torque_text(disturbance)}) N·m "
         f"for {disturbance.duration_s:g} s: {disturbance.outcome}, "
         f"judged by {disturbance.judged_by}"
     )

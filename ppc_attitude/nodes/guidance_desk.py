@@ -245,7 +245,7 @@ def _stamp_of(stamp: Any) -> int:
     stamp_ns: int = stamp.sec * NANOSECONDS + stamp.nanosec
     if not 0 <= stamp_ns <= nanoseconds(LATEST):
         raise ValueError(
-            f"stamp = {seconds(stamp_ns):g} s; allowed: 0 to {LATEST:g}, in simulated time: a "
+            f"stamp = {seconds(stamp_ns):.9g} s; allowed: 0 to {LATEST:g}, in simulated time: a "
             "tool that stamps by the wall clock needs use_sim_time:=true"
         )
     return stamp_ns

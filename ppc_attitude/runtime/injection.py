@@ -83,8 +83,8 @@ class Injections:
                 begin, end = (at + (next_ns - at) % period_ns for at in (begin, end))
                 if begin == end:
                     raise RefusedError(
-                        f"start = {seconds(start_ns):g} s and duration = {duration:g} s: no state "
-                        f"lies between; allowed: a duration ≥ {seconds(period_ns)} s"
+                        f"start = {seconds(start_ns):.9g} s and duration = {duration:g} s: no "
+                        f"state lies between; allowed: a duration ≥ {seconds(period_ns)} s"
                     )
             text = f"{torque} N·m acts from t = {seconds(begin):.6f} s to {seconds(end):.6f} s"
         self.accepted += 1

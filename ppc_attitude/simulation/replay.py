@@ -85,7 +85,8 @@ def replay(record: RunRecord) -> Replay:
     """
     others, left_out = _others(record)
     left_out += tuple(
-        f"{change.value}: {change.node} was started again with it at {seconds(change.stamp_ns):g} s"
+        f"{change.value}: {change.node} was started again with it at "
+        f"{seconds(change.stamp_ns):.9g} s"
         for kind in KINDS
         for change in _swapped(record, kind)
     )
@@ -148,7 +149,7 @@ def _see_that_it_can_be_played(
         raise ConfigurationError(f"no messages of {', '.join(absent)}")
     if not component.inputs and (last := seconds(int(record.stamps_ns[-1]))) > LATEST:
         raise ConfigurationError(  # it may integrate from zero to the stamp
-            f"stamps go on to {last:g} s; allowed: up to {LATEST:g} s from the run's begin"
+            f"stamps go on to {last:.9g} s; allowed: up to {LATEST:g} s from the run's begin"
         )
     waits = record.parameters.get(PLANT, {}).get("lockstep", False)
     if NODE_OF[kind.name] == PLANT and kind is not SENSORS and not waits:
@@ -354,7 +355,7 @@ def _arrived(column: Column, rows: Array, stamps: list[int], values: Mapping[str
                 found[k] = np.nan
             elif np.isnan(rows[place]).any() and stamp < stamps[-1]:
                 raise ConfigurationError(
-                    f"no message of {column.topic} at {seconds(valid):g} s, where one was due"
+                    f"no message of {column.topic} at {seconds(valid):.9g} s, where one was due"
                 )
             else:
                 found[k] = *rows[place], seconds(stamp - valid)

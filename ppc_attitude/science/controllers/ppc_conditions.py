@@ -121,7 +121,7 @@ def _rates(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
     width, when = float(shape["terminal"]), "once settled"
     if task.slews_from < math.inf:
         width = min(nominal(task.slews_from, shape)[0], 1.0)
-        when = f"of the first goal, t = {task.slews_from:g} s"
+        when = f"of the first goal, t = {task.slews_from:.9g} s"
     yield advisable(
         "slew rate",
         math.degrees(desired + bound * width),

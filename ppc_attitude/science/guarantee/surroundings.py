@@ -200,7 +200,7 @@ def _hit(assumed: Assumptions, nodes: Nodes, duration: float) -> Iterator[str]:
         reached = torque + (nodes.torque_bound or 0.0)
         if at < duration and reached > assumed.d:
             yield (
-                f"the disturbance may reach {reached:.4g} N·m from {at:g} s on, by a scheduled "
+                f"the disturbance may reach {reached:.4g} N·m from {at:.9g} s on, by a scheduled "
                 f"pulse; assumed: d = {assumed.d:g}. The promise begins anew after each such hit"
             )
             return
