@@ -116,6 +116,13 @@ def test_a_schedule_acts_until_it_is_changed_in_flight():
     )
 
 
+def test_however_many_hits_are_scheduled_each_counts():
+    """From the 501st on none did: their steps passed for the noise of a rough signal."""
+    given = [(round(5.0 + 0.1 * k, 9), 0.05, (0.8, 0.8, 0.8)) for k in range(501)]
+    found = pulses_of(scheduled(*given, duration=60.0), ACTUATOR)
+    assert [(each.start_s, each.duration_s) for each in found] == [each[:2] for each in given]
+
+
 @pytest.mark.parametrize("limit", [float("nan"), float("inf"), 0.0, -0.05, 10**400, "much"])
 def test_an_actuator_that_means_nothing_hides_no_hit(limit):
     run = scheduled((20.0, 0.1, (0.8, 0.8, 0.8)))

@@ -21,7 +21,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ppc_attitude.analysis.envelopes import Envelope
-from ppc_attitude.analysis.pulses import LARGEST_ENVIRONMENT, SMALLEST_STEP, Pulse, find_pulses
+from ppc_attitude.analysis.pulses import (
+    LARGEST_ENVIRONMENT,
+    MOST_STEPS,
+    SMALLEST_STEP,
+    Pulse,
+    find_pulses,
+)
 from ppc_attitude.analysis.series import Mask, elapsed, has, step, vectors
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import DISTURBANCE, INJECTOR
@@ -43,8 +49,8 @@ def pulses_of(record: RunRecord, actuator: float) -> tuple[Pulse, ...]:
     """Find the sudden disturbances of a run, by start, then by end.
 
     There are none if its external torque is not on record. Those that are scheduled count even if
-    they are too small to be told from an environment. `actuator` is the torque that the actuator
-    gives on an axis [N·m].
+    they are too small to be told from an environment, or so many that they would pass for a rough
+    signal. `actuator` is the torque that the actuator gives on an axis [N·m].
     """
     if not has(record, DISTURBANCE.column):
         return ()
@@ -55,16 +61,19 @@ def pulses_of(record: RunRecord, actuator: float) -> tuple[Pulse, ...]:
     least = first = SMALLEST_STEP * actuator
     if bound != 0.0:  # with which a record begins could be the environment, or hidden by it
         first = 2.0 * max(LARGEST_ENVIRONMENT * actuator, bound or 0.0)
-    weak = [
+    planned = [*scheduled(record)]
+    known = [
         each
-        for each in scheduled(record)
-        if np.abs(each.torque).max() <= (least if each.start_s > t[0] else first)
+        for each in planned
+        if 2 * len(planned) > MOST_STEPS
+        or np.abs(each.torque).max() <= (least if each.start_s > t[0] else first)
     ]
-    for each in weak:  # beside a step of another pulse it would count as part of that step
+    torque = torque.copy() if known else torque
+    for each in known:  # beside a step of another pulse it would count as part of that step
         acts = (t >= each.start_s) & (np.round(t - each.start_s, 9) < each.duration_s)
-        torque = torque - np.multiply.outer(acts, each.torque)
+        torque[acts] -= each.torque
     found = find_pulses(t, torque, actuator, bound)
-    return tuple(sorted((*found, *weak), key=lambda each: (each.start_s, each.duration_s)))
+    return tuple(sorted((*found, *known), key=lambda each: (each.start_s, each.duration_s)))
 
 
 def _environment_bound(record: RunRecord) -> float | None:
