@@ -64,6 +64,15 @@ def test_what_comes_again_with_a_repeated_state_is_written_once() -> None:
     assert sorted(events) == sorted(2 * ["/clock", "star_tracker/attitude", *twice, *twice])
 
 
+def test_what_is_sent_ahead_and_comes_again_with_a_repeated_state_is_written_once() -> None:
+    bag = Bag()
+    for step in (0, 1, 1, 2):
+        bag.take(STATE, step)
+        for ahead in (step, step + 1):
+            bag.with_state("reference/turn_ahead", stamp_ns(ahead), b"%d" % ahead)
+    assert bag.steps("reference/turn_ahead") == [0, 1, 2, 3]
+
+
 def test_a_clock_that_comes_before_or_after_the_state_of_a_reset_keeps_to_its_own_time() -> None:
     """Tools read by these times: they must not mix what came before and after."""
     bag = Bag()

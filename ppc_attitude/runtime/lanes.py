@@ -78,7 +78,7 @@ class Told:
 
     epoch: int  # of the states to which its messages belong
     heard: int = -1  # the latest stamp [ns]
-    data: bytes | None = None
+    latest: tuple[bytes, ...] = ()  # bytes of the latest two, of which one may be sent ahead
     is_stamped: bool = True  # the latest one, for all that is known: its stamp is not zero again
     publishers: Publishers = field(default_factory=Publishers)
 
@@ -88,7 +88,7 @@ class Told:
         The epoch is one ahead of the states' where time begins again with the next state. Returns
         False for a message that came once more, with a repeated state.
         """
-        again = data == self.data
+        again = data in (self.latest if stamp_ns else self.latest[-1:])
         goes_back = stamp_ns <= self.heard
         if self.epoch < epoch and goes_back and not (again and stamp_ns > state_ns):
             self.epoch = epoch
@@ -99,5 +99,5 @@ class Told:
         elif stamp_ns == 0 < self.heard:
             self.epoch += 1
         self.is_stamped = stamp_ns != 0 or self.heard != 0
-        self.heard, self.data = stamp_ns, data
+        self.heard, self.latest = stamp_ns, (*self.latest[-1:], data)
         return True
