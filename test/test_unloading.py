@@ -20,13 +20,13 @@ from typing import Any
 import numpy as np
 import pytest
 import truth_tables
-from craft_helpers import configs, orbit_record, part_of
+from craft_helpers import case, conditions, configs, orbit_record, part_of
 from estimation_helpers import STEP_NS, Array
 from guidance_helpers import mean_anomaly
 from record_helpers import new_record
 from scipy.spatial.transform import Rotation
 
-from ppc_attitude.contract.topics import PLANT, REFERENCE
+from ppc_attitude.contract.topics import ALLOCATOR, PLANT, REFERENCE
 from ppc_attitude.science.attitude import to_body
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.geomagnetic import ORBIT_FIELD, magnetic_field
@@ -252,3 +252,20 @@ def test_magnetorquers_empty_the_wheels_of_a_craft_that_holds_its_attitude() -> 
     assert momenta[0] > 0.4
     assert momenta[-100:].max() < 0.02
     assert np.abs(flight["attitude_error"][12000:, :3]).max() < 5e-4
+
+
+@pytest.mark.parametrize(("gain", "grows"), [(0.09, False), (0.1, True)])
+def test_a_dipole_that_is_held_too_long_is_warned_of(gain: float, grows: bool) -> None:
+    """In a field at rest each period of 21 s multiplies the momentum across it by 1 − k T."""
+    rods = rods_of(gain=gain, deadband=0.0, max_dipole=100.0)
+    h, field = np.array([0.0, 0.0, 0.01]), np.array([3e-5, 0.0, 0.0])
+    for _ in range(10):
+        h += 21.0 * np.cross(unloading_dipole(tuple(h), tuple(field), 0, rods), field)
+    assert bool(abs(h[2]) > 0.01) == grows
+    law = {"magnetorquers.gain": gain, "magnetorquers.period": 21.0}
+    craft = case("wheels", "orbit", "unloading").with_values(PLANT, **law)
+    node = case("wheels", "orbit", "unloading", "allocator_unloading").with_values(ALLOCATOR, **law)
+    for each in (craft, node):
+        assert conditions(each)["unloading in a period"].holds != grows
+    off = craft.with_values(PLANT, **{"magnetorquers.law": "off"})
+    assert "unloading in a period" not in conditions(off)

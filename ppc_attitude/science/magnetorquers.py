@@ -20,7 +20,7 @@ field is removed; but along the orbit the field turns.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -28,6 +28,7 @@ import numpy as np
 
 from ppc_attitude.science.compiled_stamps import step_of
 from ppc_attitude.science.component import BODY, VECTOR, Column
+from ppc_attitude.science.conditions import Condition, Task, advisable
 from ppc_attitude.science.faults import Failure, How
 from ppc_attitude.science.kernel import (
     ZERO,
@@ -146,6 +147,19 @@ def magnetorquer_record(values: Mapping[str, Any]) -> Any:
         seed=values[SEED.name],
         rate=values[RATE.name],
     )
+
+
+def conditions(values: Mapping[str, Any], _: Task) -> Iterator[Condition]:
+    """Compare the share of the momentum that is removed in a period with twice the momentum."""
+    if values[LAW.name] == "cross_product":
+        yield advisable(
+            "unloading in a period",
+            values[GAIN.name] * values[PERIOD.name],
+            2.0,
+            "",
+            "k T, with T the time for which a dipole is held: it does not turn the momentum across "
+            "the field into a larger one of opposite sign",
+        )
 
 
 def torque_of_rods(values: Mapping[str, Any]) -> float:

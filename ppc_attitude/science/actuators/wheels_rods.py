@@ -53,4 +53,5 @@ COMPONENT = wheels.COMPONENT.extended(
     limits=wheel_motors_rods.COMPONENT.limits,
     torque=wheel_motors_rods.torques,
     faults=wheel_motors_rods.parts_of,
+    conditions=magnetorquers.conditions,
 )

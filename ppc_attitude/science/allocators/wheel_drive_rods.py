@@ -43,4 +43,5 @@ COMPONENT = wheel_drive.COMPONENT.extended(
     inputs=(MAGNETIC_FIELD,),
     outputs=(magnetorquers.COMMAND,),
     step=step,
+    conditions=magnetorquers.conditions,
 )
