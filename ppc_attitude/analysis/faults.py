@@ -24,7 +24,7 @@ from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import FAULTS, MOST_FAULTS, acting_of, fault_of, fault_texts
-from ppc_attitude.science.stamps import seconds
+from ppc_attitude.science.stamps import instant, seconds
 
 
 class Acting(NamedTuple):
@@ -36,7 +36,7 @@ class Acting(NamedTuple):
 
     def __str__(self) -> str:
         """Tell it in a few words."""
-        return f"{self.text}, {self.start_s:.9g} to {self.end_s:.9g} s"
+        return f"{self.text}, {instant(self.start_s)} to {instant(self.end_s)} s"
 
 
 @once

@@ -76,6 +76,7 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
 )
 from ppc_attitude.science.component import JOINTS, QUATERNION, VECTOR, WRENCH
+from ppc_attitude.science.stamps import instant
 
 _DRAWN = (QUATERNION, VECTOR, WRENCH, *JOINTS)  # forms of columns with a figure of their own
 ANGLE_FLOOR = 1e-4  # [deg] where the panel of angles ends
@@ -145,7 +146,7 @@ def angular_velocity_figure(run: Measured) -> Figure:
     draw(bottom, run.t, np.linalg.norm(run.rate, axis=1), label="norm")
     limit = run.required.rate
     if limit is not None and run.first_hit > 0.0:
-        until = "" if run.first_hit > run.end else f", judged to {run.first_hit:.9g} s"
+        until = "" if run.first_hit > run.end else f", judged to {instant(run.first_hit)} s"
         judged_limit(bottom, run.t, run.calm, limit, label=f"limit {limit:g} deg/s{until}")
     bottom.set_ylim(bottom=0.0)
     top.set_ylabel("angular velocity [deg/s]")

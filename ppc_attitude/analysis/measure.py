@@ -62,6 +62,7 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.science.component import QUATERNION
 from ppc_attitude.science.kinds import ACTUATORS
 from ppc_attitude.science.parameter import NodeParameters
+from ppc_attitude.science.stamps import instant
 
 PAPER_TORQUE_LIMIT = 0.05
 """Torque limit on an axis [N·m], if the record does not say."""
@@ -155,7 +156,7 @@ class Measured:
         """Say where the run ends, or the attitude error before it."""
         whole = self.known_until == self.end
         ends = "the run ends at" if whole else "no attitude error is known after"
-        return f"{ends} {self.known_until:.9g} s"
+        return f"{ends} {instant(self.known_until)} s"
 
     def ends_before(self, needed: float, what: str) -> str:
         """Why an error that ends before some time [s] does not show it; empty if it does."""

@@ -88,6 +88,7 @@ from ppc_attitude.contract.declared import ATTITUDE_ERROR, BY_COLUMN
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import APPLIED_TORQUE, ATTITUDE, ENABLED, PLANT, TRUE_ATTITUDE
 from ppc_attitude.science.kinds import SENSORS
+from ppc_attitude.science.stamps import instant
 
 ROUNDING = 1e-9
 """Largest allowed difference of the reported attitude error from the one that we compute [1]."""
@@ -163,7 +164,7 @@ class Verdict(Measured):
             what = f"{change.name} {old}{change.value}"
             if change.name == ENABLED and change.value and before is not False:
                 what = "begins anew"  # it was started again, or switched off and on between states
-            yield f"{(change.stamp_ns - zero_ns(self.record)) / 1e9:.9g}", change.node, what
+            yield instant((change.stamp_ns - zero_ns(self.record)) / 1e9), change.node, what
 
     @property
     def changes(self) -> tuple[str, ...]:
@@ -236,16 +237,17 @@ class Verdict(Measured):
         deadline, (_, until) = self.required.settling_deadline, self.calm_span
         why, note = self.lacks_settled, ""
         if self.first_hit < deadline:
-            hit = f"a sudden disturbance at {until:.9g} s"
+            hit = f"a sudden disturbance at {instant(until)} s"
             why = f"{hit} comes before the deadline of {deadline:g} s"
         if self.metrics.settled is False:
-            note = f"still not settled at {until:.9g} s"
+            note = f"still not settled at {instant(until)} s"
         value = self.metrics.settling_time_s
         if value is None and self.metrics.settled:
             value = self.known_from
             note = "at most: it was settled when the record of the error begins"
             if value >= deadline:
-                why = why or f"the record of the error begins at {value:.9g} s, after the deadline"
+                late = f"the record of the error begins at {instant(value)} s, after the deadline"
+                why = why or late
         if not why and self.metrics.settled is False and (value or 0.0) < deadline:
             why = f"a sudden disturbance came when the craft was {note}"
         if value is not None and (unseen := self.hidden.get(None)):
@@ -276,11 +278,12 @@ class Verdict(Measured):
 
     def _terminal(self, accuracy: Accuracy) -> Requirement:
         last, deadline = self.required.terminal_window, self.required.settling_deadline
-        start = f"the sudden disturbance at {self.last_hit:.9g} s" if self.last_hit else "the start"
+        hit = f"the sudden disturbance at {instant(self.last_hit)} s"
+        start = hit if self.last_hit else "the start"
         what = f"{last:g} s that begin {deadline:g} s after {start} are over"
         begins = ""
         if self.shorter_than_window:
-            late = f"the record of the error begins at {self.known_from:.9g} s"
+            late = f"the record of the error begins at {instant(self.known_from)} s"
             begins = f"{late}, within the last {last:g} s"
         return self.row(
             "terminal_error",
@@ -337,9 +340,9 @@ class Verdict(Measured):
                     note = f"at most: {not_on_record(unseen)}" if unseen else ""
                 slowest = max(taken, slowest or 0.0)
             elif time > limit:
-                never = f"not recovered from the sudden disturbance at {hit.start_s:.9g} s"
+                never = f"not recovered from the sudden disturbance at {instant(hit.start_s)} s"
             elif following is None and not never and (slowest or 0.0) <= limit:
-                after = f"after the sudden disturbance at {hit.start_s:.9g} s are over"
+                after = f"after the sudden disturbance at {instant(hit.start_s)} s are over"
                 why = why or f"{self.ending}, before the {limit:g} s {after}"
         if unknown and not never and (slowest or 0.0) <= limit:
             why = why or unknown

@@ -35,6 +35,7 @@ from ppc_attitude.analysis.page import (
 from ppc_attitude.analysis.series import AnalysisError
 from ppc_attitude.analysis.truth import STANDING
 from ppc_attitude.analysis.verdict import Requirement, number_text, span_text, torque_text
+from ppc_attitude.science.stamps import instant
 
 _METRICS = (
     ("settling_time_s", "settling time", "s"),
@@ -115,7 +116,7 @@ def _run_section(verdict: Verdict, title: str) -> str:
     facts = [
         ("source", record.source),
         ("controller", record.controller),
-        ("duration", f"{verdict.duration_s:.9g} s in {verdict.t.size} instants"),
+        ("duration", f"{instant(verdict.duration_s)} s in {verdict.t.size} instants"),
         ("truth", STANDING[verdict.truth.standing]),
         ("missing messages", str(record.missing_messages)),
     ]
@@ -211,7 +212,7 @@ def _disturbances(verdict: Verdict) -> str:
     if not verdict.metrics.disturbances:
         return "<p>No sudden disturbance.</p>"
     rows = [
-        (f"{hit.start_s:.9g}", f"{hit.duration_s:g}", torque_text(hit), hit.outcome, hit.judged_by)
+        (instant(hit.start_s), f"{hit.duration_s:g}", torque_text(hit), hit.outcome, hit.judged_by)
         for hit in verdict.metrics.disturbances
     ]
     titles = ("start [s]", "duration [s]", "torque x, y, z [N·m]", "recovery", "judged by")

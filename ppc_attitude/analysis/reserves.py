@@ -29,6 +29,7 @@ from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science import wheels
 from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.science.stamps import instant
 from ppc_attitude.science.thrusters import FUEL, FUEL_USED
 
 RESERVE = 0.99
@@ -69,7 +70,8 @@ def judge_wheels(run: Measured) -> Iterator[Requirement]:
         note = ""
         if shares is not None and len(above := np.argwhere(shares > RESERVE)):
             since, wheel = run.t[above[0, 0]], above[0, 1]
-            note = f"wheel {wheel} is above the limit from {since:.9g} s on, so momentum runs out"
+            told = f"wheel {wheel} is above the limit from {instant(since)} s on"
+            note = f"{told}, so momentum runs out"
         yield run.row("wheel_speed", largest(shares), RESERVE, "", why, note=note)
 
 

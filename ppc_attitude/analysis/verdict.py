@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ppc_attitude.analysis.pulses import Pulse
+from ppc_attitude.science.stamps import instant
 
 MET, NOT_MET, NOT_JUDGED = "met", "NOT MET", "not judged"
 
@@ -166,4 +167,4 @@ def number_text(value: float) -> str:
 
 def span_text(span: Span | None) -> str:
     """Write a part of a run for a reader."""
-    return "–" if span is None else f"{span[0]:.9g} to {span[1]:.9g}"
+    return "–" if span is None else f"{instant(span[0])} to {instant(span[1])}"

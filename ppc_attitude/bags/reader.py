@@ -51,7 +51,7 @@ from ppc_attitude.contract.versions import versions_of_others
 from ppc_attitude.science.component import read_from_elsewhere
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.parameter import NodeParameters
-from ppc_attitude.science.stamps import LATEST, stamp_of
+from ppc_attitude.science.stamps import LATEST, instant, stamp_of
 
 
 def read_run(
@@ -259,8 +259,8 @@ def _of_the_ends(record: RunRecord, *, cut: bool) -> Iterator[str]:
     begin, end, end_ns = record.t[0], record.t[-1], _end_ns(plant)
     if plant.get("rate") and 0.0 < begin <= LATEST:
         yield (
-            f"the record begins at {begin:.9g} s: earlier inputs, and the states that components "
-            "had reached, are not in it, so a replay may differ"
+            f"the record begins at {instant(begin)} s: earlier inputs, and the states that "
+            "components had reached, are not in it, so a replay may differ"
         )
     if not cut and end_ns and record.stamps_ns[-1] < end_ns:
         yield (

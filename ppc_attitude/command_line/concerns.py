@@ -22,6 +22,7 @@ from ppc_attitude.analysis.truth import truth_of
 from ppc_attitude.contract.cdr import LARGEST
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.processes.exits import RunError
+from ppc_attitude.science.stamps import instant
 from ppc_attitude.simulation.closed_loop import raised_until
 from ppc_attitude.simulation.news import concerns
 from ppc_attitude.simulation.scenario import Scenario
@@ -53,4 +54,6 @@ def see_that_it_is_bounded(scenario: Scenario, record: RunRecord) -> None:
     if lost < record.t.size:
         rate, t = record[truth_of(record).angular_velocity][lost], record.t[max(lost - 1, 0)]
         why = raised_until(scenario, record.stamps_ns[: lost + 1])
-        raise RunError(f"diverged: angular velocity {tuple(rate.tolist())} rad/s at {t:.9g} s{why}")
+        raise RunError(
+            f"diverged: angular velocity {tuple(rate.tolist())} rad/s at {instant(t)} s{why}"
+        )

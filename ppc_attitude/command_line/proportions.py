@@ -48,7 +48,7 @@ from ppc_attitude.science.performance import R_LIMIT
 from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.science.references import goal
 from ppc_attitude.science.sensors import direct
-from ppc_attitude.science.stamps import first_step, seconds
+from ppc_attitude.science.stamps import first_step, instant, seconds
 from ppc_attitude.science.thrusters import PERIOD
 from ppc_attitude.science.wheels import AXES, WHEELS, wheel_record
 from ppc_attitude.simulation.scenario import Scenario
@@ -256,7 +256,7 @@ def _of_pulses(scenario: Scenario, required: Requirements, task: Task) -> Iterat
         start_ns, end_ns = int(hit["start_ns"]), int(hit["end_ns"])
         acts = (first_step(end_ns, rate) - first_step(start_ns, rate)) / rate
         yield advisable(
-            f"pulse at {seconds(start_ns):.9g} s",
+            f"pulse at {instant(seconds(start_ns))} s",
             float(np.abs(hit["torque"]).max()) * acts / task.torque,
             required.recovery,
             "s",

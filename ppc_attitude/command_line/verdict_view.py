@@ -17,6 +17,7 @@
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.truth import EXACT, STANDING
 from ppc_attitude.analysis.verdict import Disturbance, ErrorSize, number_text, torque_text
+from ppc_attitude.science.stamps import instant
 
 _MOST_CHANGES = 20  # that are shown: a stream of goals has thousands
 
@@ -38,7 +39,7 @@ def verdict_table(verdict: Verdict) -> str:
         for row in cells
     ]
     lines = [
-        f"{record.source}: controller {record.controller}, {verdict.duration_s:.9g} s, "
+        f"{record.source}: controller {record.controller}, {instant(verdict.duration_s)} s, "
         f"{verdict.t.size} instants, {record.missing_messages} missing messages",
         STANDING[verdict.truth.standing],
         "",
@@ -69,7 +70,7 @@ def error_text(error: ErrorSize) -> str:
 def disturbance_text(disturbance: Disturbance) -> str:
     """One sudden disturbance in one line."""
     return (
-        f"sudden disturbance at {disturbance.start_s:.9g} s, ({torque_text(disturbance)}) N·m "
+        f"sudden disturbance at {instant(disturbance.start_s)} s, ({torque_text(disturbance)}) N·m "
         f"for {disturbance.duration_s:g} s: {disturbance.outcome}, "
         f"judged by {disturbance.judged_by}"
     )

@@ -47,7 +47,7 @@ from ppc_attitude.science.guidance.trajectory import points
 from ppc_attitude.science.guidance.watch import warnings_of
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references.goal import configuration_of, facts
-from ppc_attitude.science.stamps import LATEST, NANOSECONDS, nanoseconds, seconds
+from ppc_attitude.science.stamps import LATEST, NANOSECONDS, instant, nanoseconds, seconds
 
 ASKED = "asked"  # key of the orders that a status answers, by which a sender finds its answer
 _BODY = "body"  # the joint of a trajectory
@@ -245,7 +245,7 @@ def _stamp_of(stamp: Any) -> int:
     stamp_ns: int = stamp.sec * NANOSECONDS + stamp.nanosec
     if not 0 <= stamp_ns <= nanoseconds(LATEST):
         raise ValueError(
-            f"stamp = {seconds(stamp_ns):.9g} s; allowed: 0 to {LATEST:g}, in simulated time: a "
-            "tool that stamps by the wall clock needs use_sim_time:=true"
+            f"stamp = {instant(seconds(stamp_ns))} s; allowed: 0 to {LATEST:g}, in simulated time: "
+            "a tool that stamps by the wall clock needs use_sim_time:=true"
         )
     return stamp_ns

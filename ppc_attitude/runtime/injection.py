@@ -18,7 +18,7 @@ from typing import Any
 
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.disturbances.pulses import pulse
-from ppc_attitude.science.stamps import ROUNDING, nanoseconds, seconds
+from ppc_attitude.science.stamps import ROUNDING, instant, nanoseconds, seconds
 
 _MOST = 1000  # pulses that may be pending or active at a time
 _REMEMBERED = 100  # requests whose answers are kept in case a request is repeated
@@ -83,7 +83,7 @@ class Injections:
                 begin, end = (at + (next_ns - at) % period_ns for at in (begin, end))
                 if begin == end:
                     raise RefusedError(
-                        f"start = {seconds(start_ns):.9g} s and duration = {duration:g} s: no "
+                        f"start = {instant(seconds(start_ns))} s and duration = {duration:g} s: no "
                         f"state lies between; allowed: a duration ≥ {seconds(period_ns)} s"
                     )
             text = f"{torque} N·m acts from t = {seconds(begin):.6f} s to {seconds(end):.6f} s"

@@ -27,6 +27,11 @@ def seconds(stamp_ns: int) -> float:
     return stamp_ns * 1e-9
 
 
+def instant(time: float) -> str:
+    """Write a time of a run [s]: with nine digits, because six do not tell seconds of months."""
+    return f"{time:.9g}"
+
+
 def nanoseconds(time: float) -> int:
     """Whole nanoseconds of a time [s]."""
     # Times a float: text from a bag is refused, where an integer would make a billion copies of it.

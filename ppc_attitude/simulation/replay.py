@@ -37,7 +37,7 @@ from ppc_attitude.science.part import Part
 from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots, check_slots
 from ppc_attitude.science.sensors.star_tracker import RATE
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TOLD, TORQUE_COMMAND, TRUTH
-from ppc_attitude.science.stamps import LARGEST_STEP, LATEST, seconds
+from ppc_attitude.science.stamps import LARGEST_STEP, LATEST, instant, seconds
 from ppc_attitude.simulation.closed_loop import by_column
 from ppc_attitude.simulation.diagram import play
 
@@ -86,7 +86,7 @@ def replay(record: RunRecord) -> Replay:
     others, left_out = _others(record)
     left_out += tuple(
         f"{change.value}: {change.node} was started again with it at "
-        f"{seconds(change.stamp_ns):.9g} s"
+        f"{instant(seconds(change.stamp_ns))} s"
         for kind in KINDS
         for change in _swapped(record, kind)
     )
@@ -149,7 +149,7 @@ def _see_that_it_can_be_played(
         raise ConfigurationError(f"no messages of {', '.join(absent)}")
     if not component.inputs and (last := seconds(int(record.stamps_ns[-1]))) > LATEST:
         raise ConfigurationError(  # it may integrate from zero to the stamp
-            f"stamps go on to {last:.9g} s; allowed: up to {LATEST:g} s from the run's begin"
+            f"stamps go on to {instant(last)} s; allowed: up to {LATEST:g} s from the run's begin"
         )
     waits = record.parameters.get(PLANT, {}).get("lockstep", False)
     if NODE_OF[kind.name] == PLANT and kind is not SENSORS and not waits:
@@ -355,7 +355,8 @@ def _arrived(column: Column, rows: Array, stamps: list[int], values: Mapping[str
                 found[k] = np.nan
             elif np.isnan(rows[place]).any() and stamp < stamps[-1]:
                 raise ConfigurationError(
-                    f"no message of {column.topic} at {seconds(valid):.9g} s, where one was due"
+                    f"no message of {column.topic} at {instant(seconds(valid))} s, where one was "
+                    "due"
                 )
             else:
                 found[k] = *rows[place], seconds(stamp - valid)

@@ -33,6 +33,7 @@ from ppc_attitude.science.envelope_plan import least_settling_time, table_can_be
 from ppc_attitude.science.inertia import principal_moments
 from ppc_attitude.science.kernel import ZERO
 from ppc_attitude.science.performance import nominal
+from ppc_attitude.science.stamps import instant
 
 _NOISE_SIGMAS = 3.0  # the actuator should give the torque that this many σ of noise ask for
 
@@ -121,7 +122,7 @@ def _rates(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
     width, when = float(shape["terminal"]), "once settled"
     if task.slews_from < math.inf:
         width = min(nominal(task.slews_from, shape)[0], 1.0)
-        when = f"of the first goal, t = {task.slews_from:.9g} s"
+        when = f"of the first goal, t = {instant(task.slews_from)} s"
     yield advisable(
         "slew rate",
         math.degrees(desired + bound * width),

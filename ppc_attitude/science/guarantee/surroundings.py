@@ -45,7 +45,7 @@ from ppc_attitude.science.kinds import ENVIRONMENTS, REFERENCES
 from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.science.sensors.gyro_star_tracker import INITIAL_FIX
 from ppc_attitude.science.sensors.star_tracker import slots
-from ppc_attitude.science.stamps import seconds
+from ppc_attitude.science.stamps import instant, seconds
 
 _HORIZON = 3600.0  # [s] for which a design looks at the reference, unless a run is longer
 _DOUBT = "whether it keeps the assumed bounds is not known"
@@ -200,8 +200,9 @@ def _hit(assumed: Assumptions, nodes: Nodes, duration: float) -> Iterator[str]:
         reached = torque + (nodes.torque_bound or 0.0)
         if at < duration and reached > assumed.d:
             yield (
-                f"the disturbance may reach {reached:.4g} N·m from {at:.9g} s on, by a scheduled "
-                f"pulse; assumed: d = {assumed.d:g}. The promise begins anew after each such hit"
+                f"the disturbance may reach {reached:.4g} N·m from {instant(at)} s on, by a "
+                f"scheduled pulse; assumed: d = {assumed.d:g}. The promise begins anew after each "
+                "such hit"
             )
             return
 
