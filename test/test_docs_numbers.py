@@ -55,7 +55,7 @@ def test_numbers_of_the_theory_are_measured(
         example["main"]()
     else:
         paper = example["load"]([PAPER])
-        for part in ("task", "along_the_run", "largest_start", "sample_times"):
+        for part in ("task", "along_the_run", "largest_start", "sample_times", "margins"):
             example[part](paper)
         for part in ("cross_term_ratio", "hits", "benchmark"):
             example[part]()

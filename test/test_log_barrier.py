@@ -134,34 +134,3 @@ def test_check_tells_how_fast_a_law_without_a_limit_of_the_rate_wants_to_turn(
         craft = law.with_values(PLANT, initial_attitude=list(error))
         rates = np.linalg.norm(simulate(craft, 60.0)["angular_velocity"], axis=1)
         assert 0.6 < math.degrees(rates.max()) / told.value < 1.0
-
-
-@pytest.mark.parametrize(
-    ("size", "width", "told"),
-    [
-        (0.0081, 5e-3, set()),
-        (0.0077, 5e-3, {"answer to z"}),
-        (1.0, 6.4e-4, set()),
-        (1.0, 5.5e-4, {"barrier against sampling"}),
-    ],
-)
-def test_check_warns_of_a_sampled_loop_that_swings(
-    size: float, width: float, told: set[str]
-) -> None:
-    """K2 is in no proportion to the inertia, so a small craft swings with the defaults."""
-    inertia = (size * np.diag([2.8, 2.5, 1.9])).ravel().tolist()
-    law = {"controller": "log_barrier", "inertia": inertia, "attitude_envelope.terminal": width}
-    craft = case(inertia=inertia, min_torque=0.0).with_values(CONTROLLER, **law)
-    craft = craft.with_values(INJECTOR, environment="none")
-    names = {"answer to z", "barrier against sampling"}
-    assert {each for each in names if not conditions(craft)[each].holds} == told
-    rates = np.abs(simulate(craft, 120.0)["rate_error"][-1000:])
-    assert bool(rates.max() > 1e-6) == bool(told)
-
-
-def test_the_narrowest_envelope_is_compared_with_the_samples() -> None:
-    """Its square is zero."""
-    law = {"controller": "log_barrier", "attitude_envelope.terminal": 1e-30}
-    narrow = {"attitude_envelope.exponential_terminal": 1e-31}
-    told = conditions(case().with_values(CONTROLLER, **law, **narrow))
-    assert not told["barrier against sampling"].holds

@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from ppc_attitude.command_line.proportions import actuator_torques
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT
 from ppc_attitude.science.attitude import (
     jacobian,
@@ -37,6 +38,7 @@ from ppc_attitude.science.environments.paper import environment_torque
 from ppc_attitude.science.kernel import quaternion, vector
 from ppc_attitude.science.performance import nominal, solve_envelope
 from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.loop_margin import loop_margin
 from ppc_attitude.simulation.scenario import Scenario, load
 
 CONFIG = Path(__file__).parents[2] / "config"
@@ -147,6 +149,21 @@ def sample_times(paper: Scenario) -> None:
     report("norm form, beta 6", paper.with_values(CONTROLLER, virtual_control="norm", beta=6.0))
 
 
+def margins(paper: Scenario) -> None:
+    """Disk margin of the loop, alone and with overlays, and of the other laws."""
+    loops = {"paper": paper}
+    for overlay in ("flexible", "sensors_smallsat", "thrusters", "guaranteed"):
+        loops[overlay] = load([CONFIG / "paper.yaml", CONFIG / f"{overlay}.yaml"])
+    for law in ("log_barrier", "quaternion_feedback"):
+        loops[law] = paper.with_values(CONTROLLER, controller=law)
+    for name, loop in loops.items():
+        found = loop_margin(loop, 60.0, actuator_torques(loop)[1])
+        show(f"{name}: disk margin", found.disk)
+        show(f"{name}: gain", found.gain)
+        show(f"{name}: phase", found.phase, "deg")
+        show(f"{name}: worst at", found.frequency, "Hz")
+
+
 def report(name: str, scenario: Scenario) -> None:
     """Settling, terminal error, largest rate, and recovery from 0.8 N·m x 0.1 s at 80 s."""
     record = simulate(scenario, 120.0)
@@ -243,6 +260,7 @@ def main() -> None:
     along_the_run(paper)
     largest_start(paper)
     sample_times(paper)
+    margins(paper)
     hits()
     benchmark()
 

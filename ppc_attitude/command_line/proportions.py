@@ -49,7 +49,6 @@ from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.science.references import goal
 from ppc_attitude.science.sensors import direct
 from ppc_attitude.science.stamps import first_step, instant, seconds
-from ppc_attitude.science.thrusters import PERIOD
 from ppc_attitude.science.wheels import AXES, WHEELS, wheel_record
 from ppc_attitude.simulation.scenario import Scenario
 
@@ -97,8 +96,6 @@ def _task(scenario: Scenario, required: Requirements, q_e: Quaternion) -> Task:
         slews_from=min(times, default=math.inf) if slews else None,
         actuator_torque=most,
         torque=min(scenario.number(CONTROLLER, MAX_TORQUE.name), most),
-        hold=float(craft.get(PERIOD.name, 1.0 / scenario.number(PLANT, "rate"))),
-        first_answer=_first_answer(scenario, craft),
         attitude_sigma=sigmas.attitude,
         rate_sigma=sigmas.rate,
         rate_limit=required.rate,
@@ -216,7 +213,7 @@ def _of_envelopes(scenario: Scenario, task: Task) -> Iterator[Condition]:
         if prefix == RATE_ENVELOPE.name and actuator and actuator.least_impulse:
             inertia = inertia_matrix(INERTIA.name, law[INERTIA.name])
             changes = np.linalg.solve(inertia, actuator.least_impulse(plant).T)  # [rad/s] body
-            change = float(np.abs(changes).max(initial=0.0)) * task.first_answer
+            change = float(np.abs(changes).max(initial=0.0)) * _first_answer(scenario, task.craft)
             meaning = f"{_PULSES:g} times the rate that the largest of the least pulses makes "
             meaning += "before modes follow: an envelope below it is left by single pulses"
             name = f"least pulse in {symbol}"

@@ -24,7 +24,7 @@ This file and `kinds` import neither kernels nor Numba, so a program that only n
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -204,6 +204,8 @@ class Component:
         which is then not recorded. Beside sensors of another package the truth is always recorded.
     limits : tuple of str
         Of actuators: the parameters that limit its torque; a weaker one has all of them smaller.
+    quiet : mapping of str to value
+        Parameters with which it has no noise and no dead zone, for measuring a small answer.
     torque : callable, optional
         Of actuators whose limits are not on axes: what `torques` gives, from parameter values.
     faults : callable
@@ -235,6 +237,7 @@ class Component:
     advices: Callable[[Any], int] = lambda _: 0
     exact: Callable[[Mapping[str, Any]], bool] = lambda _: False
     limits: tuple[str, ...] = ()
+    quiet: Mapping[str, Any] = field(default_factory=dict)
     torque: Callable[[Mapping[str, Any]], tuple[float, float]] | None = None
     faults: Callable[[Mapping[str, Any]], Mapping[str, tuple[Any, ...]]] = lambda _: {}
     least_impulse: Callable[[Mapping[str, Any]], NDArray[np.float64]] | None = None
@@ -261,12 +264,12 @@ class Component:
                 )
         for parameter in self.parameters:
             parameter.demand_declarable()
-        unknown = set(self.limits) - set(self.defaults)
-        if unknown:
-            raise ValueError(
-                f"component {self.name}: limits = {self.limits}; it has no parameter "
-                f"{', '.join(sorted(unknown))}"
-            )
+        for name in ("limits", "quiet"):
+            if unknown := set(getattr(self, name)) - set(self.defaults):
+                raise ValueError(
+                    f"component {self.name}: {name} = {getattr(self, name)}; it has no parameter "
+                    f"{', '.join(sorted(unknown))}"
+                )
 
     def extended(
         self,

@@ -102,11 +102,6 @@ class Task:
         tell, the limit of what the law may ask for.
     torque : float
         The lesser of `actuator_torque` and what the law may ask for [N·m].
-    hold : float
-        Time [s] for which an answer to an error holds: a step, or a period of thrusters.
-    first_answer : float
-        Largest ratio of the acceleration that a torque gives at first to the one that a law counts
-        on: flexible modes follow later. Without them it is 1.
     attitude_sigma, rate_sigma : float
         σ of the noise in q_ev [1], and in z2 [rad/s] of a law with `k`, `M_omega` and `beta` of
         `ppc`, on the worst axis; 0 if nobody knows it.
@@ -127,8 +122,6 @@ class Task:
     slews_from: float | None
     actuator_torque: float
     torque: float
-    hold: float
-    first_answer: float
     attitude_sigma: float
     rate_sigma: float
     rate_limit: float | None

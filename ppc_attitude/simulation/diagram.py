@@ -223,8 +223,22 @@ class Diagram:
     """Columns that were finite throughout in the last run."""
 
     @property
-    def memory(self) -> list[NDArray[Any]]:
-        """Arrays that a run changes: if they are put back, a run goes on from there again."""
+    def rows(self) -> dict[str, slice]:
+        """Where the numbers of each column on record are among the rows of the samples."""
+        starts = zip(self.columns, self._first_rows, strict=True)
+        return {each.name: slice(start, start + each.width) for each, start in starts}
+
+    def snapshot(self) -> list[NDArray[Any]]:
+        """Copy all that a run changes, so that a run can go on from here again (`put_back`)."""
+        return [each.copy() for each in self._changing]
+
+    def put_back(self, snapshot: Sequence[NDArray[Any]]) -> None:
+        """Let the next run go on from where a snapshot was taken."""
+        for each, was in zip(self._changing, snapshot, strict=True):
+            each[:] = was
+
+    @property
+    def _changing(self) -> list[NDArray[Any]]:
         return [self._signals, *(part.state for part in self.parts.values())]
 
     def _places_of(self, columns: Sequence[Column]) -> list[int]:

@@ -66,12 +66,11 @@ def _news(
     diagram: Diagram, parts: list[Part], stamps_ns: NDArray[np.int64], samples: Array
 ) -> Iterator[tuple[float, Part]]:
     """Yield each part that has something new, at the instant [s] at which it has."""
-    before = [each.copy() for each in diagram.memory]
+    before = diagram.snapshot()
     diagram.run(stamps_ns, samples)
     new = [part for part in parts if part.advices != part.told]
     if new and stamps_ns.size > 1:
-        for each, was in zip(diagram.memory, before, strict=True):
-            each[:] = was
+        diagram.put_back(before)
         for fewer in np.array_split(stamps_ns, min(_PARTS, stamps_ns.size)):
             yield from _news(diagram, parts, fewer, samples)
     else:

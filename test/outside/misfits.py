@@ -169,6 +169,7 @@ MADE: dict[str, Callable[[], Component]] = {
     "of_no_frame": lambda: with_column(LAW, frame=""),
     "hasty": lambda: replace(SENSORS, inputs=(*SENSORS.inputs, TORQUE_COMMAND)),
     "no_limit": lambda: replace(ideal.COMPONENT, limits=("nowhere",)),
+    "no_quiet": lambda: replace(ideal.COMPONENT, quiet={"nowhere": 0.0}),
     "pulse": lambda: pulses.COMPONENT,
     "margin": lambda: replace(LAW, outputs=WITH_MARGIN, step=step_with_margin),
     "beyond_column": lambda: replace(LAW, step=step_beyond),

@@ -37,7 +37,7 @@ from ppc_attitude.command_line.options import (
     scenario_of,
     see_that_none_is_idle,
 )
-from ppc_attitude.command_line.proportions import conditions_of
+from ppc_attitude.command_line.proportions import actuator_torques, conditions_of
 from ppc_attitude.command_line.stopping import stoppable
 from ppc_attitude.contract.topics import (
     ATTITUDE,
@@ -68,15 +68,16 @@ from ppc_attitude.science.kinds import (
 )
 from ppc_attitude.science.part import Part
 from ppc_attitude.simulation.closed_loop import first_instant
+from ppc_attitude.simulation.loop_margin import loop_conditions
 from ppc_attitude.simulation.news import Answer, goals_told
 from ppc_attitude.simulation.scenario import Scenario, idle_parameters
 
 HELP = "feasibility and conditions of a configuration"
 DESCRIPTION = (
     "Checks whether the envelopes are feasible, the conditions S1 to S5, the least time that the "
-    "requirements need, parameters out of proportion to the craft, and the start. For the "
-    "momentum-tube law it proves the certificate anew. A condition that is violated with a warning "
-    "is sufficient or advisable, not necessary."
+    "requirements need, the gain and phase that the loop bears, parameters out of proportion to "
+    "the craft, and the start. For the momentum-tube law it proves the certificate anew. A "
+    "condition that is violated with a warning is sufficient or advisable, not necessary."
 )
 EXAMPLES = (
     "ppc_attitude check --config config/paper.yaml --json",
@@ -126,9 +127,11 @@ def execute(arguments: argparse.Namespace) -> int:
     surroundings, reference = parts[ENVIRONMENTS.name], parts[REFERENCES.name]
     environment = stoppable(lambda: environment_torque(scenario, surroundings))
     wheels = stoppable(lambda: [*wheel_conditions(scenario, reference, surroundings)])
-    goals = goals_told(scenario)
+    goals, (_, torque) = goals_told(scenario), actuator_torques(scenario)
+    deadline = required.settling_deadline
     conditions = (
         *conditions_of(scenario, required, q_e, environment),
+        *stoppable(lambda: [*loop_conditions(scenario, deadline, torque)]),
         *wheels,
         *_goal_conditions(goals),
     )

@@ -88,6 +88,7 @@ COMPONENT = Component(
     outputs=(APPLIED_TORQUE,),
     step=step,
     limits=(MAX_TORQUE.name,),
+    quiet={MIN_TORQUE.name: 0.0},
     faults=lambda values: PARTS,
     conditions=conditions,
 )

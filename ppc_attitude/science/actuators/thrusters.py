@@ -151,6 +151,7 @@ COMPONENT = Component(
     advice=advice,
     advices=lambda state: int(state["news"]),
     limits=(thrusters.FORCE.name,),
+    quiet={thrusters.MIN_ON_TIME.name: 0.0},
     torque=torques,
     least_impulse=least_impulse,
     faults=parts_of,

@@ -39,7 +39,7 @@ from ppc_attitude.science.controllers.common import (
     smooth_sign,
 )
 from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
-from ppc_attitude.science.inertia import inertia_matrix, principal_moments
+from ppc_attitude.science.inertia import inertia_matrix
 from ppc_attitude.science.kernel import (
     ZERO,
     Vector,
@@ -175,8 +175,7 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
 
 
 def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
-    """Whether the sampled loop of a small error is stable; the rate asked for at the start."""
-    yield from _sampling(values, task)
+    """Compare the rate that the law asks for at the start with what is allowed."""
     if task.rate_limit is None or task.desired_rate is None:
         return
     q0 = math.copysign(max(abs(task.error[3]), _SMALLEST_SCALAR), task.error[3])
@@ -190,38 +189,6 @@ def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
         "deg/s",
         "‖α‖ at the start + max‖ω_d‖: the law does not limit the rate, so a craft with a "
         "large error speeds up to this value",
-    )
-
-
-def _sampling(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
-    """Stability of φ'' = −c φ' − s φ, sampled, about the axis of the least moment of inertia J.
-
-    Once the envelope has its terminal width g∞: c = K1 + G/J and s = (K1 G + k_b/4g∞²)/J, where
-    G = K2 + D_m/μ is the torque that answers z.
-    """
-    inertia = float(principal_moments(values["inertia"])[0])
-    K1, K2, k_b = (values[each.name] for each in _OWN)
-    answer = K2 + values[D_M.name] / values[MU.name]
-    # One division after the other: the square of a narrow envelope may be zero.
-    barrier = k_b / values["attitude_envelope.terminal"] / values["attitude_envelope.terminal"]
-    damping, stiffness = K1 + answer / inertia, (K1 * answer + 0.25 * barrier) / inertia
-    yield advisable(
-        "answer to z",
-        damping * task.hold * task.first_answer,
-        2.0,
-        "",
-        "c h, where c = K1 + (K2 + D_m/μ)/J and h is a step or the thrusters' period, more with "
-        "flexible modes: the torque does not turn a small rate error into a larger one of opposite "
-        "sign; above the limit the torque may change its sign at every sample",
-    )
-    yield advisable(
-        "barrier against sampling",
-        0.5 * stiffness * task.hold,
-        damping,
-        "1/s",
-        "(K1 (K2 + D_m/μ) + k_b/4g∞²) h/2J ≤ c, g∞ of ρ_q: the barrier does not make the sampled "
-        "loop of a small error unstable; above the limit the error may swing out of its envelope, "
-        "and stay outside",
     )
 
 

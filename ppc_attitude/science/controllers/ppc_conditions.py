@@ -66,7 +66,6 @@ def conditions(values: Mapping[str, Any], gains: Any, task: Task) -> Iterator[Co
     needs = float(least_settling_time(task.error, *task.settled, gains))
     yield from task.settles("time of the law", needs, "at the rates of k, M_omega and beta")
     yield from _rates(values, task)
-    yield from _sampling(values, task)
     yield from _actuation(values, task)
 
 
@@ -130,30 +129,6 @@ def _rates(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
         "deg/s",
         f"V + max‖v‖ ρ_q, ρ_q = {width:.3g} {when}: rate in a slew with an error as large as its "
         "envelope",
-    )
-
-
-def _sampling(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
-    """Compare how the law answers a rate error with the time for which an answer holds."""
-    width = values["rate_envelope.terminal"]
-    least = float(principal_moments(values["inertia"])[0])
-    change = values["D_m"] * task.hold / least * task.first_answer
-    yield advisable(
-        "answer to z2",
-        values["K_omega"] * task.hold * task.first_answer + change / values["mu"] / width,
-        2.0,
-        "",
-        "K_ω h + D_m h / (J μ g∞), h a step or the thrusters' period, more with flexible "
-        "modes: the torque does not turn a small rate error into a larger one of opposite sign; "
-        "above the limit the torque may change its sign at every sample",
-    )
-    yield advisable(
-        "D_m in ρ_ω",
-        0.5 * change,
-        width,
-        "rad/s",
-        "D_m h / 2J: if the disturbance estimate changes sign at every sample, the rate error "
-        "stays inside its envelope",
     )
 
 

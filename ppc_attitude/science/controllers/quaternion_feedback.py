@@ -19,14 +19,12 @@ its eigenaxis, and the torque is scaled as a vector, which keeps that axis. Feed
 reference (M0) makes it a tracking law.
 """
 
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ppc_attitude.science.component import Component
-from ppc_attitude.science.conditions import Condition, Task, advisable
 from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
 from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
 from ppc_attitude.science.inertia import inertia_matrix
@@ -138,37 +136,6 @@ def step(measurement: Any, memory: Any, gains: Any, command: Any) -> None:
     store_command(command, q_e, omega_e, u, torque)
 
 
-def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
-    """Stability of φ'' = −2ζω φ' − ω² (φ + Σ φ h / T), sampled, by Jury.
-
-    With y = z − 1 its characteristic polynomial is y³ + (d + a (1 + τ)/2) y² + a (1 + 3τ/2) y + aτ,
-    where a = (ω_n h)², d = 2ζω_n h and τ = h/T.
-    """
-    frequency, damping, time = (values[each.name] for each in _OWN[:3])
-    h = task.hold
-    turn, a, d, share = frequency * h, (frequency * h) ** 2, 2.0 * damping * frequency * h, h / time
-    cubic = (1.0, d + 0.5 * a * (1.0 + share), a * (1.0 + 1.5 * share), a * share)
-    slowest = float(np.abs(1.0 + np.roots(cubic)).max())  # share of an error left by one sample
-    yield advisable(
-        "loop against sampling",
-        turn,
-        min(1.0 / damping / task.first_answer, 4.0 * damping),
-        "",
-        "ω_n h ≤ min(1/ζ, 4ζ), h a step or the thrusters' period, less with flexible "
-        "modes: the sampled loop is stable, if rates are exact and commands act at once; above the "
-        "limit the torque changes its sign at every sample, or oscillates",
-    )
-    yield advisable(
-        "integral of the loop",
-        1.0 / time,
-        frequency * (2.0 * damping - 0.5 * turn) / (1.0 - 0.5 * d + 0.25 * a) if d < 2.0 else 0.0,
-        "1/s",
-        "1/T ≤ ω_n (2ζ − ω_n h/2) / (1 − ζω_n h + (ω_n h)²/4): the integral does not make the "
-        "sampled loop unstable; the slowest part of a small error "
-        f"{'never fades' if slowest >= 1.0 else f'is 1/e after {-h / math.log(slowest):.3g} s'}",
-    )
-
-
 COMPONENT = Component(
     name="quaternion_feedback",
     parameters=PARAMETERS,
@@ -178,5 +145,4 @@ COMPONENT = Component(
     inputs=INPUTS,
     outputs=OUTPUTS,
     step=step,
-    conditions=conditions,
 )

@@ -103,6 +103,8 @@ PARAMETERS = (
         "gyro.full_scale", 20.0, "the gyro's largest rate, per axis", "rad/s", above=0.0, high=1e3
     ),
 )
+QUIET = dict.fromkeys((each.name for each in PARAMETERS[:4]), 0.0)
+"""Parameters with which there is no noise and no rounding."""
 GYRO = record_type(
     ("white", np.float64),  # σ_v [rad/√s]
     ("walk", np.float64),  # σ_u [rad/s^1.5]

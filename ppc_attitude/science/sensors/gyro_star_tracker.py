@@ -312,6 +312,7 @@ COMPONENT = Component(
     inputs=TRUTH,
     outputs=(GYRO_SAMPLE, STAR_FIX),
     step=step,
+    quiet={**gyro.QUIET, **star_tracker.QUIET},
     advice=advice,
     advices=lambda state: int(state["news"]),
     faults=lambda values: PARTS,

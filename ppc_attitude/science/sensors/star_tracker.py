@@ -49,6 +49,8 @@ CROSS_NOISE = _share(
 BORESIGHT_NOISE = _share(
     "star_tracker.boresight_noise", 0.0, "σ of a fix about the boresight", "rad"
 )
+DROPOUTS = _share("star_tracker.dropout_probability", 0.0, "share of slots without a fix")
+OUTLIERS = _share("star_tracker.outlier_probability", 0.0, "share of false fixes")
 MOUNTING = Parameter(
     "star_tracker.mounting",
     [0.0, 0.0, 0.0, 1.0],
@@ -95,8 +97,8 @@ PARAMETERS = (
     RATE,
     LATENCY,
     MAX_RATE,
-    _share("star_tracker.dropout_probability", 0.0, "share of slots without a fix"),
-    _share("star_tracker.outlier_probability", 0.0, "share of false fixes"),
+    DROPOUTS,
+    OUTLIERS,
     OUTLIER_SIZE,
     # At start only: one without the other would be refused, and `ros2 param set` sets one.
     at_start(
@@ -111,6 +113,13 @@ PARAMETERS = (
         high=LATEST,
     ),
 )
+_ERRORS = CROSS_NOISE, BORESIGHT_NOISE, DROPOUTS, OUTLIERS
+QUIET = {
+    **dict.fromkeys((each.name for each in _ERRORS), 0.0),
+    "star_tracker.blinding_times": [],
+    "star_tracker.blinding_durations": [],
+}
+"""Parameters with which every fix comes, and is the truth."""
 ROUNDING = 7e-7
 """Stamps are rounded, and latencies are written, with errors below this [s].
 

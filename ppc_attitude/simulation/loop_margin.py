@@ -1,0 +1,226 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How far the closed loop is from oscillating, measured on the loop itself.
+
+The craft is at rest on its reference, without noise, faults and disturbances: there the gain of a
+law with tanh is largest. A small torque d acts for one sample, and the actuator answers with the
+torque u. To first order S = I + U/D is the sensitivity at the craft, whatever is in the loop: law,
+observer, filter, delays, wheels, modes. The disk margin is α = 1/‖S − I/2‖∞ (Seiler, Packard and
+Gahinet, *An introduction to disk margins*, 2020): the loop stays stable if the gain of every axis
+changes by a factor between (2 − α)/(2 + α) and its inverse, or the phase of every axis by up to
+2 atan(α/2), each axis in its own way.
+
+Thrusters act once in a period, so for them a sample is a period, and torques are its means.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ppc_attitude.contract.declared import parameters_in_use
+from ppc_attitude.contract.run_record import Array
+from ppc_attitude.contract.topics import INJECTOR, PLANT
+from ppc_attitude.science.conditions import Condition, advisable
+from ppc_attitude.science.disturbances.pulses import DURATIONS, TIMES, TORQUES
+from ppc_attitude.science.faults import FAULTS
+from ppc_attitude.science.kinds import DISTURBANCES, ENVIRONMENTS
+from ppc_attitude.science.plants.rigid_body import INITIAL_ATTITUDE, INITIAL_RATE
+from ppc_attitude.science.signals import APPLIED_TORQUE, REFERENCE_ATTITUDE, REFERENCE_RATE
+from ppc_attitude.science.stamps import stamp_of
+from ppc_attitude.science.thrusters import PERIOD
+from ppc_attitude.simulation.closed_loop import first_instant
+from ppc_attitude.simulation.diagram import Diagram, selected
+from ppc_attitude.simulation.scenario import Scenario
+
+LEAST = 0.3
+"""Disk margin that a loop should have: its gain may change by 1.35 times, or its phase by 17°."""
+_SWING = 0.01  # share of the actuator's torque that may change its sign at every sample
+_LATEST = 3600.0  # [s] at which the loop is measured
+_SMALL = 1e-7  # share of the actuator's torque: far above rounding, and small in any envelope
+_FADED = 0.01  # share of the largest answer that is as good as none
+_LINEAR = 0.1  # share by which the answers to d and −d may differ
+_LEFT = 0.5  # share of a lasting torque that the loop may leave
+_FIRST, _LONGEST, _MOST = 60.0, 900.0, 100_000  # [s], [s] and instants of an answer
+_BLOCK = 4096  # instants of which the samples are not kept
+
+
+@dataclass(frozen=True)
+class LoopMargin:
+    """What a loop at rest bears.
+
+    Attributes
+    ----------
+    disk : float
+        Disk margin α; 0 if the loop does not come to rest after a small torque.
+    frequency : float
+        Where it is least, or where the loop swings [Hz].
+    fades : float
+        Time [s] after which the answer to a small torque is below 1 % of its largest value.
+    swing : float
+        Amplitude with which the torque of an axis alternates from sample to sample [N·m].
+    """
+
+    disk: float
+    frequency: float
+    fades: float
+    swing: float
+
+    @property
+    def gain(self) -> float:
+        """Factor by which the gain of each axis may grow or fall."""
+        return (2.0 + self.disk) / (2.0 - self.disk) if self.disk < 2.0 else math.inf
+
+    @property
+    def phase(self) -> float:
+        """Angle [deg] by which the phase of each axis may change."""
+        return 2.0 * math.degrees(math.atan(0.5 * self.disk))
+
+
+def loop_conditions(scenario: Scenario, at: float, torque: float) -> Iterator[Condition]:
+    """Compare what the loop bears with what it should bear; parameters as of `loop_margin`."""
+    at = min(at, _LATEST)
+    found = loop_margin(scenario, at, torque)
+    where = f"{found.frequency:.3g} Hz"
+    meaning = f"disk margin: at rest, at {at:g} s and without noise, disturbance and faults, "
+    if found.disk:
+        meaning += (
+            f"the loop stays stable if the gain of each axis changes by up to {found.gain:.3g} "
+            f"times, or its phase by up to {found.phase:.3g}°; least at {where}; the answer to a "
+            f"small torque fades within {found.fades:.3g} s"
+        )
+    else:
+        meaning += (
+            f"the loop does not come to rest after a small torque, or does not answer it; it "
+            f"swings most at {where}"
+        )
+    yield Condition("loop margin", found.disk, LEAST, "≥", "", False, meaning)
+    yield advisable(
+        "torque at rest",
+        found.swing,
+        _SWING * torque,
+        "N·m",
+        "amplitude with which the torque of an axis changes its sign at every sample, or at every "
+        f"period of thrusters, against {100.0 * _SWING:g} % of what the actuator gives at most",
+    )
+
+
+def loop_margin(scenario: Scenario, at: float, torque: float) -> LoopMargin:
+    """Measure what the loop bears at a time [s]; its actuator gives a torque [N·m] at most.
+
+    Raises
+    ------
+    ConfigurationError
+        A parameter is infeasible, or the selected components do not fit together.
+    """
+    loop, pushes = _RestingLoop(scenario, at), _SMALL * torque * np.eye(3)
+    listened = _FIRST
+    while True:
+        samples = loop.samples(listened)
+        alone = loop.answer(samples, np.zeros(3))
+        up, down = (
+            np.stack([loop.answer(samples, sign * push) for push in pushes], axis=2)
+            for sign in (1.0, -1.0)
+        )
+        answer = (up - down) / (2.0 * _SMALL * torque)  # U/D, shape (samples, 3, 3)
+        large = np.flatnonzero(np.abs(answer).max(axis=(1, 2)) > _FADED * np.abs(answer).max())
+        fades = int(large.max(initial=0)) + 1
+        listened *= 2.0
+        if fades < 0.9 * samples or listened > _LONGEST or loop.samples(listened) == samples:
+            break
+    swing = 0.25 * float(np.abs(np.diff(alone, 2, axis=0)).max())
+    if not np.isfinite(answer).all():
+        return LoopMargin(0.0, 0.0, math.inf, swing)
+    spectrum = np.fft.rfft(answer, 1 << (2 * samples - 1).bit_length(), axis=0)
+    sensitivity = np.eye(3) + spectrum
+    unlike = np.abs(up + down - 2.0 * alone[..., None]).max()
+    rests = (
+        fades < 0.9 * samples
+        and unlike <= _LINEAR * np.abs(up - down).max()
+        and np.linalg.norm(sensitivity[0], 2) <= _LEFT
+    )
+    sizes = np.linalg.norm(sensitivity - 0.5 * np.eye(3) if rests else spectrum, 2, axis=(1, 2))
+    worst = int(sizes.argmax())
+    return LoopMargin(
+        disk=1.0 / float(sizes[worst]) if rests else 0.0,
+        frequency=0.5 * worst / ((sizes.size - 1) * loop.sample),
+        fades=fades * loop.sample,
+        swing=swing,
+    )
+
+
+class _RestingLoop:
+    """The loop of a scenario, at rest at a time [s], to which a torque is added.
+
+    `sample` is the time [s] between two answers.
+    """
+
+    def __init__(self, scenario: Scenario, at: float) -> None:
+        quiet = _at_rest(scenario)
+        self._rate, plant = quiet.number(PLANT, "rate"), quiet.parameters[PLANT]
+        self._steps = 1  # of a sample
+        if PERIOD.name in parameters_in_use(PLANT, plant):
+            self._steps = round(plant[PERIOD.name] * self._rate)
+        self.sample = self._steps / self._rate
+        self._first = math.ceil(at / self.sample) * self._steps
+        self._diagram = Diagram(quiet.parameters)
+        for start in range(0, self._first, _BLOCK):
+            self._diagram.run(self._stamps(start, min(start + _BLOCK, self._first)))
+        self._rest = self._diagram.snapshot()
+
+    def samples(self, listened: float) -> int:
+        """How many answers come in a time [s]."""
+        return max(min(round(listened / self.sample), _MOST // self._steps), 3)
+
+    def answer(self, samples: int, push: Array) -> Array:
+        """Torque [N·m] in each sample from a push [N·m] of one sample on, shape (samples, 3)."""
+        diagram, first = self._diagram, self._first
+        diagram.put_back(self._rest)
+        pulse = ([first / self._rate], [self.sample], push.tolist())
+        pulses = zip((TIMES.name, DURATIONS.name, TORQUES.name), pulse, strict=True)
+        diagram.parts[DISTURBANCES.name].configure(dict(pulses))
+        found = diagram.run(self._stamps(first, first + samples * self._steps))
+        torque = found[diagram.rows[APPLIED_TORQUE.name]]
+        return np.asarray(torque.reshape(3, samples, self._steps).mean(axis=2).T)
+
+    def _stamps(self, first: int, end: int) -> NDArray[np.int64]:
+        return np.array([stamp_of(k, self._rate) for k in range(first, end)], np.int64)
+
+
+def _at_rest(scenario: Scenario) -> Scenario:
+    """The craft at rest on its reference, with nothing that disturbs the answer to a torque."""
+    plant: dict[str, object] = {}
+    injector: dict[str, object] = {each.name: [] for each in (TIMES, DURATIONS, TORQUES)}
+    read = set[str]()
+    for kind, component in selected(scenario.parameters):
+        plant |= component.quiet
+        read |= {column.name for column in component.inputs if kind is not DISTURBANCES}
+    environment = ENVIRONMENTS.selected(scenario.parameters[INJECTOR])
+    if environment is not None and read.isdisjoint(column.name for column in environment.outputs):
+        injector[ENVIRONMENTS.selector] = ENVIRONMENTS.switch[False]
+    in_use = parameters_in_use(PLANT, scenario.parameters[PLANT])
+    if FAULTS.name in in_use:
+        plant[FAULTS.name] = []
+    if {INITIAL_ATTITUDE.name, INITIAL_RATE.name} <= in_use.keys():
+        given = {
+            name: part.output(name)
+            for part in first_instant(scenario).values()
+            for name in part.places
+        }
+        plant[INITIAL_ATTITUDE.name] = list(given[REFERENCE_ATTITUDE.name])
+        plant[INITIAL_RATE.name] = list(given[REFERENCE_RATE.name])
+    return scenario.overlaid({PLANT: plant, INJECTOR: injector})

@@ -1,0 +1,192 @@
+# Copyright 2026 the ppc_attitude authors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How far a loop is from oscillating: against closed forms, and against runs that oscillate."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Ask
+from craft_helpers import case, configs
+
+from ppc_attitude.command_line.proportions import actuator_torques
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.loop_margin import LEAST, LoopMargin, loop_margin
+from ppc_attitude.simulation.scenario import Scenario
+
+
+def margin_of(scenario: Scenario, at: float = 60.0) -> LoopMargin:
+    return loop_margin(scenario, at, actuator_torques(scenario)[1])
+
+
+def swings(found: LoopMargin) -> bool:
+    """Whether the loop has no margin, or swings by itself and is stable about that."""
+    return found.disk < 0.01 or found.swing > 5e-4
+
+
+def linear(**values: float) -> Scenario:
+    """The paper's craft with quaternion feedback, at rest in inertial axes."""
+    law = {f"quaternion_feedback.{name}": value for name, value in values.items()}
+    craft = case(rate=10.0, min_torque=0.0).with_values(REFERENCE, amplitude=[0.0] * 3)
+    return craft.with_values(CONTROLLER, controller="quaternion_feedback", **law)
+
+
+@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize(
+    ("natural_frequency", "damping", "integral_time"),
+    [(1.0, 1.0, 10.0), (3.0, 0.7, 5.0), (0.5, 0.4, 20.0)],
+)
+def test_the_margin_of_a_linear_loop_is_that_of_the_closed_form(
+    natural_frequency: float, damping: float, integral_time: float, late: bool
+) -> None:
+    """By the transfer function L(z) from the torque on the craft to the torque of the law."""
+    found = margin_of(
+        linear(
+            natural_frequency=natural_frequency, damping=damping, integral_time=integral_time
+        ).with_values(PLANT, late_command=late)
+    )
+    h = 0.1
+    z = np.exp(1j * np.linspace(1e-4, math.pi, 200_001))
+    rate = h / (z - 1.0)
+    angle = 0.5 * h * h * (z + 1.0) / (z - 1.0) ** 2
+    integral = 1.0 + h / integral_time * z / (z - 1.0)
+    L = 2.0 * damping * natural_frequency * rate + natural_frequency**2 * angle * integral
+    S = 1.0 / (1.0 + L / z**late)
+    assert found.disk == pytest.approx(1.0 / np.abs(S - 0.5).max(), rel=2e-3)
+
+
+@pytest.mark.parametrize(("share", "stable"), [(0.99, True), (1.01, False)])
+def test_the_gain_that_is_told_is_where_the_loop_begins_to_swing(
+    share: float, stable: bool
+) -> None:
+    """The paper's loop is worst at half the rate of its samples, where the bound is exact."""
+    paper = case().with_values(REFERENCE, amplitude=[0.0] * 3)
+    told = margin_of(paper)
+    assert told.frequency == pytest.approx(50.0, rel=0.01)
+    lighter = np.multiply(paper.parameters[PLANT]["inertia"], 1.0 / (share * told.gain)).tolist()
+    found = margin_of(paper.with_values(PLANT, inertia=lighter))
+    assert (found.disk > 0.0) == stable
+
+
+@pytest.mark.parametrize(
+    ("frequency", "damping", "time", "told"),
+    [
+        (0.95, 1.0, 10.0, False),
+        (1.05, 1.0, 10.0, True),
+        (0.52, 2.0, 10.0, True),
+        (0.42, 0.1, 10.0, True),
+        (1.05, 0.3, 1.0, True),
+        (0.35, 0.1, 2.0, True),
+        (0.05, 1.0, 1.2, False),
+        (0.05, 1.0, 0.9, True),
+    ],
+)
+def test_a_linear_loop_that_swings_has_no_margin(
+    frequency: float, damping: float, time: float, told: bool
+) -> None:
+    loop = {"natural_frequency": 10.0 * frequency, "damping": damping, "integral_time": time}
+    law = {f"quaternion_feedback.{name}": value for name, value in loop.items()}
+    fast = case(rate=10.0).with_values(CONTROLLER, controller="quaternion_feedback", **law)
+    assert swings(margin_of(fast)) == told
+    run = simulate(fast, 200.0)
+    torque = np.abs(run["torque_command"][run.t > 150.0])
+    assert bool(torque.max() > 0.02) == told  # the environment has up to 4.4 mN·m
+
+
+@pytest.mark.parametrize(
+    ("size", "width", "told"),
+    [(0.0083, 5e-3, False), (0.0077, 5e-3, True), (1.0, 6.6e-4, False), (1.0, 5.5e-4, True)],
+)
+def test_a_barrier_that_swings_has_no_margin(size: float, width: float, told: bool) -> None:
+    """K2 is in no proportion to the inertia, so a small craft swings with the defaults."""
+    inertia = (size * np.diag([2.8, 2.5, 1.9])).ravel().tolist()
+    law = {"controller": "log_barrier", "inertia": inertia, "attitude_envelope.terminal": width}
+    craft = case(inertia=inertia, min_torque=0.0).with_values(CONTROLLER, **law)
+    craft = craft.with_values(INJECTOR, environment="none")
+    assert swings(margin_of(craft)) == told
+    rates = np.abs(simulate(craft, 120.0)["rate_error"][-1000:])
+    assert bool(rates.max() > 1e-6) == told
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.6, False), (0.98, True), (1.2, True)])
+def test_a_disturbance_estimate_that_swings_is_seen(share: float, told: bool) -> None:
+    """The rate error then swings by D_m h / 2J from sample to sample, whatever the gains."""
+    D_m = share * 2.0 * 3e-5 * 1.9 * 100.0  # of g∞, the least inertia and the rate
+    law = case(min_torque=0.0).with_values(CONTROLLER, D_m=D_m)
+    law = law.with_values(INJECTOR, environment="none")
+    found = margin_of(law)
+    assert swings(found) == told
+    run = simulate(law, 100.0)
+    late = run.t > 60.0
+    change = np.abs(np.diff(run["torque_command"][late], axis=0)).max()
+    assert bool(change > D_m) == told
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.53, False), (0.56, True)])
+def test_a_loop_that_swings_because_modes_follow_later_has_no_margin(
+    share: float, told: bool
+) -> None:
+    """With δ² of J a torque moves J − δ² at first, so ω_n h = 0.45 exceeds 1 − δ²/J at 0.55."""
+    bending = {
+        "plant": "flexible",
+        "flexible.frequency": [0.2],
+        "flexible.damping": [0.01],
+        "flexible.coupling": [0.0, 0.0, math.sqrt(share * 1.9)],
+    }
+    loop = linear(natural_frequency=4.5).with_values(PLANT, **bending)
+    assert swings(margin_of(loop)) == told
+    torque = np.abs(simulate(loop, 120.0)["torque_command"][-500:])
+    assert bool(torque.max() > 0.02) == told  # the environment has up to 4.4 mN·m
+
+
+@pytest.mark.parametrize(("period", "told"), [(0.9, False), (1.1, True)])
+def test_a_loop_that_swings_because_thrusters_answer_once_a_period_has_no_margin(
+    period: float, told: bool
+) -> None:
+    law = {"controller": "quaternion_feedback", "quaternion_feedback.natural_frequency": 1.0}
+    slow = {"thrusters.period": period, "thrusters.min_on_time": 1e-4}
+    loop = case("thrusters").with_values(PLANT, **slow).with_values(CONTROLLER, **law)
+    loop = loop.with_values(INJECTOR, environment="none").with_values(
+        REFERENCE, amplitude=[0.0] * 3
+    )
+    assert swings(margin_of(loop)) == told
+    commanded = np.abs(simulate(loop, 150.0)["torque_command"][-500:])
+    assert bool(commanded.max() > 1e-4) == told
+
+
+def test_a_loop_whose_actuator_is_saturated_has_no_margin() -> None:
+    weak = case(max_torque=1e-5, min_torque=0.0).with_values(CONTROLLER, max_torque=1e-5)
+    assert margin_of(weak).disk == 0.0
+
+
+def test_noise_rounding_dead_zone_faults_and_hits_do_not_count() -> None:
+    paper = case("sensors_smallsat", "sudden_disturbance")
+    broken = paper.with_values(
+        PLANT, seed=5, min_torque=0.01, faults=["actuator/x stuck 0.01 from 10"]
+    )
+    assert margin_of(broken, 80.0) == margin_of(paper, 80.0)
+
+
+def test_check_tells_what_the_loop_bears(ask: Ask) -> None:
+    told = ask("check", *(f"--config={file}" for file in configs("paper", "flexible")), "--json")
+    found: dict[str, dict[str, Any]] = {each["name"]: each for each in told.json["conditions"]}
+    margin, known = found["loop margin"], margin_of(case("flexible"))
+    assert margin["value"] == pytest.approx(known.disk, rel=1e-9)
+    assert margin["value"] > margin["limit"] == LEAST
+    bears = "changes by up to 1.39 times, or its phase by up to 18.6°; least at 50 Hz"
+    assert bears in margin["meaning"]
+    assert found["torque at rest"]["holds"]
