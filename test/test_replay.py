@@ -340,6 +340,17 @@ def test_the_command_names_a_law_that_is_not_installed_and_replays_the_rest(
     assert len(page["components"]) == 4
 
 
+def test_a_difference_from_a_run_of_another_state_of_the_package_is_told_as_that(
+    tmp_path: Path, ask: Ask
+) -> None:
+    run = simulate(scenario({}), 0.1)
+    other = with_columns(run, torque_command=run["torque_command"] + 1e-3)
+    for name, each, code in (("same", run, 0), ("other", other, 1)):
+        write_run(replace(each, metadata={"ppc_attitude": "0.0.1"}), tmp_path / name)
+        told = "warning: the run was made by another ppc_attitude (ppc_attitude 0.0.1, here "
+        assert (told in ask("replay", tmp_path / name, code=code).err) == bool(code)
+
+
 def test_a_law_that_gives_no_number_differs(
     tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -14,11 +14,19 @@
 
 """What a run was made with."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import pytest
 from craft_helpers import ROOT
 from process_helpers import ran
+from synthetic import without_columns
 
-from ppc_attitude.contract.versions import versions
+from ppc_attitude.bags.reader import read_run
+from ppc_attitude.bags.run_writer import write_run
+from ppc_attitude.contract.versions import of_another_state, versions
+from ppc_attitude.simulation.closed_loop import simulate
+from ppc_attitude.simulation.scenario import scenario
 
 
 def test_the_git_revision_is_that_of_the_checkout() -> None:
@@ -27,3 +35,25 @@ def test_the_git_revision_is_that_of_the_checkout() -> None:
     asked = ["git", "-C", str(ROOT), "rev-parse", "HEAD"]
     revision = ran(asked).stdout.strip()
     assert versions()["git_revision"].removesuffix("-dirty").endswith(revision)
+
+
+@pytest.mark.parametrize("name", ["ppc_attitude", "git_revision"])
+def test_a_run_of_another_state_of_the_package_is_told(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = {"ppc_attitude": "0.1.0", "git_revision": "a"}
+    monkeypatch.setattr("ppc_attitude.contract.versions.versions", lambda: here)
+    told = f"the run was made by another ppc_attitude ({name} other, here {here[name]})"
+    assert of_another_state({**here, name: "other"}) == told
+    assert not of_another_state(here)
+    assert not of_another_state({})
+
+
+def test_a_topic_that_another_state_of_the_package_may_not_have_sent_is_told_as_that(
+    tmp_path: Path,
+) -> None:
+    run = without_columns(simulate(scenario({}), 0.1), "auxiliary_state")
+    write_run(replace(run, metadata={"ppc_attitude": "0.0.1"}), tmp_path / "bag")
+    (warning,) = read_run(tmp_path / "bag").warnings
+    assert warning.startswith("the bag lacks messages of control/auxiliary_state; the run was made")
+    assert warning.endswith(", whose nodes may not send them")

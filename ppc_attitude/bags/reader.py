@@ -47,7 +47,7 @@ from ppc_attitude.contract.topics import (
     PLANT,
     Topic,
 )
-from ppc_attitude.contract.versions import versions_of_others
+from ppc_attitude.contract.versions import of_another_state, versions_of_others
 from ppc_attitude.science.component import read_from_elsewhere
 from ppc_attitude.science.kinds import CONTROLLERS
 from ppc_attitude.science.parameter import NodeParameters
@@ -199,7 +199,7 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
     warnings = [
         *([f"{_state(bag)}: {'; '.join(cut)}; read up to {record.t[-1]:.12g} s"] if cut else ()),
         *(*facts.flaws, *flaws, *collected.warnings(home), *timeline.warnings),
-        *([f"the bag {lacks}"] if lacking else ()),
+        *([f"the bag {lacks}{_why_it_may_lack(facts.metadata)}"] if lacking else ()),
         *_of_other_packages(record),
         *_of_the_ends(record, cut=bool(cut)),
     ]
@@ -367,6 +367,11 @@ def _lacking(
             why = " (none can be decoded)" if bag.counts.get(name) else ""
             found[topic] = f"{topic.name}{why}"
     return found
+
+
+def _why_it_may_lack(metadata: Mapping[str, str]) -> str:
+    told = of_another_state(metadata)
+    return f"; {told}, whose nodes may not send them" if told else ""
 
 
 def _of_others(parameters: NodeParameters) -> set[Topic]:

@@ -16,6 +16,7 @@
 
 import platform
 import subprocess
+from collections.abc import Mapping
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -47,6 +48,24 @@ def versions() -> dict[str, str]:
     if revision:
         found["git_revision"] = revision
     return found
+
+
+def of_another_state(metadata: Mapping[str, str]) -> str:
+    """Say that a run was made by another state of this package; empty if nothing tells so.
+
+    Its components may send other topics and compute otherwise than those that are here.
+
+    Parameters
+    ----------
+    metadata : mapping of str to str
+        The `versions` with which the run was made.
+    """
+    here = versions()
+    for name in ("git_revision", "ppc_attitude"):
+        was, now = metadata.get(name), here.get(name)
+        if was and now and was != now:
+            return f"the run was made by another ppc_attitude ({name} {was}, here {now})"
+    return ""
 
 
 def _git_revision() -> str:

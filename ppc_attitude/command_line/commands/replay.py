@@ -21,6 +21,7 @@ from dataclasses import asdict
 from ppc_attitude.command_line.options import add_reading_options, print_json, record_of
 from ppc_attitude.command_line.stopping import stoppable
 from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.contract.versions import of_another_state
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
 from ppc_attitude.simulation.replay import replay
 
@@ -67,7 +68,11 @@ def execute(arguments: argparse.Namespace) -> int:
             print(f"not installed here, so left out: {name}")
         for reason in result.left_out:
             print(f"not replayed: {reason}")
-    if not any(each.largest for each in result.found):
+    differs = any(each.largest for each in result.found)
+    told = of_another_state(record.metadata)
+    if told and (differs or result.missing):
+        print(f"warning: {told}, whose components may compute otherwise", file=sys.stderr)
+    if not differs:
         return DONE
     if PLANT not in record.parameters:  # with our plant the reader warns if the run began before
         why = "the record may begin after the run, whose components remember what came before"
