@@ -291,7 +291,8 @@ def test_a_certificate_with_any_other_number_is_found_out() -> None:
     assert re.fullmatch(r"it promises .* s from .* deg/s, [0-9.]+ s can be promised", time)
     assert others == [
         "it promises 4.36e-05 in the end, 0.000436 can be promised",
-        "it has other numbers than those that are proved: C1 x, C13 φ1",
+        "it has other numbers than those that are proved: C1 x, C13 φ1; one of an earlier version "
+        "needs a new `ppc_attitude design`",
     ]
 
 

@@ -71,7 +71,8 @@ def execute(arguments: argparse.Namespace) -> int:
     differs = any(each.largest for each in result.found)
     told = of_another_state(record.metadata)
     if told and (differs or result.missing):
-        print(f"warning: {told}, whose components may compute otherwise", file=sys.stderr)
+        why = "whose nodes may compute otherwise, or may not tell every change in flight"
+        print(f"warning: {told}, {why}", file=sys.stderr)
     if not differs:
         return DONE
     if PLANT not in record.parameters:  # with our plant the reader warns if the run began before

@@ -117,7 +117,10 @@ def differences(stored: Mapping[str, Any], certificate: Certificate) -> list[str
     proved = {each.name: (*each.left, *each.right) for each in certificate.inequalities}
     changed = [x for x in {**told, **proved} if not _alike(told.get(x, ()), proved.get(x, ()))]
     if changed:
-        found.append(f"it has other numbers than those that are proved: {', '.join(changed)}")
+        earlier = "; one of an earlier version needs a new `ppc_attitude design`"
+        renamed = earlier if told.keys() != proved.keys() else ""
+        named = ", ".join(changed)
+        found.append(f"it has other numbers than those that are proved: {named}{renamed}")
     return found
 
 
