@@ -27,13 +27,16 @@ from synthetic import (
     requirement,
     with_columns,
     with_error,
+    with_parameters,
     with_rows,
     without_columns,
 )
 
 from ppc_attitude.analysis.metrics import Verdict
+from ppc_attitude.analysis.requirements import PAPER, Accuracy
 from ppc_attitude.analysis.series import AnalysisError
 from ppc_attitude.command_line.verdict_view import verdict_table
+from ppc_attitude.contract.topics import PLANT
 
 
 @pytest.mark.parametrize("column", ["attitude_error", "angular_velocity", "applied_torque"])
@@ -296,3 +299,62 @@ def test_of_steps_that_vary_nobody_knows_what_is_missing():
     some = np.random.default_rng(0).random(run.stamps_ns.size) < 0.6
     row = requirement(Verdict(part_of(run, some)), "lost_messages")
     assert (row.met, row.reason.startswith("the steps of the record vary")) == (None, True)
+
+
+@pytest.mark.parametrize("column", ["attitude", "reference_attitude"])
+def test_an_attitude_with_a_number_beyond_any_crafts_is_skipped(column):
+    verdict = Verdict(with_rows(normal_run(), column, [11_000, 11_500], (1e40, 0.0, 0.0, 0.0)))
+    unharmed = Verdict(normal_run())
+    assert verdict.metrics.terminal_error == unharmed.metrics.terminal_error
+    assert [each.max_deg for each in verdict.errors] == [each.max_deg for each in unharmed.errors]
+
+
+def test_a_torque_with_a_number_beyond_any_crafts_is_skipped():
+    verdict = Verdict(with_rows(normal_run(), "applied_torque", 5000, (0.0, 1e40, 0.0)))
+    largest = Verdict(normal_run()).metrics.max_applied_torque
+    assert verdict.metrics.max_applied_torque == largest
+
+
+def test_a_number_that_says_that_there_is_no_rate_is_no_largest_rate():
+    run = normal_run()
+    gyro = np.tile([0.01, 0.0, 0.0, 1e-8], (run.stamps_ns.size, 1))
+    gyro[500:600] = 0.0, 0.0, 0.0, -1.0
+    limits = replace(PAPER, limits={"gyro": 0.1})
+    row = requirement(Verdict(with_columns(run, gyro=gyro), limits), "limit_gyro")
+    assert (row.value, row.met) == (0.01, True)
+
+
+def test_the_speed_of_wheels_that_is_long_not_on_record_is_not_judged():
+    run = normal_run()
+    speeds = np.tile(np.full(8, 10.0), (run.stamps_ns.size, 1))
+    run = with_parameters(
+        with_columns(run, wheel_speed=speeds), PLANT, {"wheels.max_speed": [600.0]}
+    )
+    short = requirement(
+        Verdict(with_rows(run, "wheel_speed", slice(100, 200), np.nan)), "wheel_speed"
+    )
+    assert short.met
+    assert short.without == ((0.99, 2.0),)
+    long = requirement(
+        Verdict(with_rows(run, "wheel_speed", slice(100, 2000), np.nan)), "wheel_speed"
+    )
+    assert long.met is None
+    assert long.reason == "nothing is on record from 0.99 to 20 s"
+
+
+@pytest.mark.parametrize(("instants", "met"), [(slice(100, 9000), True), (slice(9000, None), None)])
+def test_fuel_is_known_from_any_later_sample(instants, met):
+    run = normal_run()
+    fuel = np.linspace(0.0, 0.1, run.stamps_ns.size)[:, None]
+    run = with_parameters(with_columns(run, fuel_used=fuel), PLANT, {"thrusters.fuel": 0.5})
+    row = requirement(Verdict(with_rows(run, "fuel_used", instants, np.nan)), "fuel")
+    assert row.met is met
+
+
+def test_a_reported_error_and_knowledge_that_are_long_not_on_record_are_not_judged():
+    run = with_rows(normal_run(), "attitude_error", slice(100, 2000), np.nan)
+    assert requirement(Verdict(run), "reported_error").met is None
+    run = with_columns(normal_run(), truth_attitude=normal_run()["attitude"])
+    run = with_rows(run, "truth_attitude", slice(100, 2000), np.nan)
+    required = replace(PAPER, knowledge=Accuracy(1e-3))
+    assert requirement(Verdict(run, required), "knowledge").met is None

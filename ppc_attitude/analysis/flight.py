@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ppc_attitude.analysis.gaps import absent_in
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.series import has, is_finite, samples
 from ppc_attitude.analysis.truth import truth_of
@@ -272,6 +273,7 @@ def judge_cones(run: Measured) -> Iterator[Requirement]:
         worst = max(approaches, key=lambda each: each.half_angle - each.angle)
         angle, half_angle = np.rad2deg([worst.angle, worst.half_angle])
         note = f"came within {angle:.4g}° of {worst.direction}, allowed {half_angle:.4g}°"
-        yield run.row("keep_out", float(half_angle - angle), 0.0, "deg", why, note=note)
+        row = ("keep_out", float(half_angle - angle), 0.0, "deg", why)
+        yield run.row(*row, note=note, absent=absent_in(run.record, run.truth.attitude))
     elif why:  # cones that came in flight
         yield run.row("keep_out", None, 0.0, "deg", why)

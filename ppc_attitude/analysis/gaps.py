@@ -18,9 +18,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ppc_attitude.analysis.series import step
+from ppc_attitude.analysis.series import elapsed, samples, step
 from ppc_attitude.analysis.verdict import Span, span_text
-from ppc_attitude.contract.run_record import LONGEST, USUAL, Array
+from ppc_attitude.contract.run_record import LONGEST, USUAL, Array, RunRecord
 
 _SHARE = 0.1  # of a judged span that may be absent
 
@@ -46,6 +46,13 @@ def absent_spans(t: Array, values: Array) -> tuple[Span, ...]:
     told = np.append(told, t[-1]) if told.size else told
     long = np.flatnonzero(np.round(np.diff(told) / longest, 6) > 1.0)
     return tuple((float(told[k]), float(told[k + 1])) for k in long)
+
+
+def absent_in(record: RunRecord, *columns: str) -> tuple[Span, ...]:
+    """Between which instants [s] one of some columns of a record has no sample for long."""
+    # A number and a NaN give NaN, so a sum is finite where every column is.
+    together = np.stack([samples(record, each)[:, 0] for each in columns]).sum(axis=0)
+    return absent_spans(elapsed(record), together)
 
 
 def clipped(spans: Iterable[Span], within: Span) -> tuple[Span, ...]:

@@ -23,8 +23,9 @@ import numpy as np
 from ppc_attitude.analysis.envelopes import beyond
 from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import ATTITUDE_VARIANCES, RATE_VARIANCES, sigmas_of
+from ppc_attitude.analysis.gaps import absent_in
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.series import Mask, has, known
+from ppc_attitude.analysis.series import Mask, has, known, samples
 from ppc_attitude.analysis.truth import (
     UNKNOWN,
     errors_of,
@@ -152,7 +153,8 @@ def _outside(record: RunRecord, values: Mapping[str, Any]) -> Mask:
     if errors is not None:
         outside |= beyond(errors.angles[:, None], bound + e_A)
     if has(record, truth.angular_velocity):
-        too_fast = np.linalg.norm(record[truth.angular_velocity], axis=1) > Omega + e_W
+        rate = samples(record, truth.angular_velocity)
+        too_fast = np.linalg.norm(rate, axis=1) > Omega + e_W
         outside |= too_fast & (record[PHASE.name][:, 0] > STOP)
     return outside
 
@@ -291,4 +293,6 @@ def judge_certificate(run: Measured) -> Iterator[Requirement]:
     if held is not None:
         time = run.time(held.outside)
         why = held.reason or run.lacks_time
-        yield run.row("certificate", time, 0.0, "s", why, note=held.note)
+        judged = [each for each in (run.truth.attitude, *_NEEDED) if has(run.record, each)]
+        absent = () if why else absent_in(run.record, *judged)
+        yield run.row("certificate", time, 0.0, "s", why, note=held.note, absent=absent)

@@ -38,6 +38,7 @@ from ppc_attitude.analysis.series import (
     known,
     largest,
     lasting,
+    samples,
     topic_of,
     vectors,
 )
@@ -59,7 +60,7 @@ from ppc_attitude.contract.topics import (
     PLANT,
     REFERENCE_ATTITUDE,
 )
-from ppc_attitude.science.component import QUATERNION
+from ppc_attitude.science.component import FIX, GYRO, MOTION, QUATERNION
 from ppc_attitude.science.kinds import ACTUATORS
 from ppc_attitude.science.parameter import NodeParameters
 from ppc_attitude.science.stamps import instant
@@ -71,6 +72,8 @@ _NAMED = {
     RATE_ERROR.column: "time_outside_rate_envelope_s",
 }
 """Errors whose time outside is a metric of its own, whatever bounds them."""
+_THREE = (QUATERNION, GYRO, FIX, MOTION)
+"""Forms of a column whose w and variances are no magnitude: −1 says that there is no sample."""
 SUMMATION = 1e-12
 """Share of a limit by which rounding may take a number, such as a sum of wheel torques, past it."""
 
@@ -336,14 +339,14 @@ class Measured:
         )
 
     def largest_of(self, column: str) -> float | None:
-        """Largest magnitude of a number of a column; of a quaternion its w does not count.
+        """Largest magnitude of a number of a column, of some only the first three (`_THREE`).
 
         None if the record has no such number.
         """
         if not has(self.record, column):
             return None
-        is_quaternion = column in BY_COLUMN and BY_COLUMN[column].form == QUATERNION
-        return largest(np.abs(self.record[column][:, : 3 if is_quaternion else None]))
+        width = 3 if column in BY_COLUMN and BY_COLUMN[column].form in _THREE else None
+        return largest(np.abs(samples(self.record, column)[:, :width]))
 
     @property
     def torque_limit(self) -> float:

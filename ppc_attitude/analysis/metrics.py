@@ -45,10 +45,10 @@ verdict says why. T is the settling deadline and R the time allowed for a recove
   limit that the requirements set, or within what the configured noise explains.
 - *Filter*: the share of knowledge errors outside the filter's own 3σ, the mean of its squared
   innovations, and the good fixes it refused (`filter_health`).
-- *What is not on record* for more than ten steps is left out of errors, rate, envelopes and largest
-  numbers. If it is more than a tenth of a row's span, nobody knows that the limit is met. Where it
-  hides when the error settled, the time is told at most, and not judged if it hides on which side
-  of the limit.
+- *What is not on record* for more than ten steps is left out of errors, rate, envelopes, largest
+  numbers, cones and certificate. If it is more than a tenth of a row's span, nobody knows that the
+  limit is met; but any later sample tells of the fuel. Where it hides when the error settled, the
+  time is told at most, and not judged if it hides on which side of the limit.
 - *Messages missing or not finite*: those missing, those that carry a NaN, an infinity or a
   number beyond any craft's (1e30), and an attitude of zeros where it is desired or what the run is
   judged by. Such samples are skipped everywhere else. Of instants without a rhythm nobody knows
@@ -66,7 +66,7 @@ from ppc_attitude.analysis.envelopes import Envelope, envelopes_of, outside
 from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import judge_filter
 from ppc_attitude.analysis.flight import judge_cones, judge_orders
-from ppc_attitude.analysis.gaps import absent_spans, clipped, not_on_record
+from ppc_attitude.analysis.gaps import absent_in, absent_spans, clipped, not_on_record
 from ppc_attitude.analysis.guarantee import judge_certificate
 from ppc_attitude.analysis.hits import window
 from ppc_attitude.analysis.measure import Measured
@@ -301,7 +301,7 @@ class Verdict(Measured):
         unit = BY_COLUMN[column].unit if column in BY_COLUMN else ""
         value, why = self.largest_of(column), self.lacks(column) or why
         rare = column in self.record.held or (column in BY_COLUMN and BY_COLUMN[column].late)
-        absent = () if rare or why else absent_spans(self.t, self.record[column][:, 0])
+        absent = () if rare or why else absent_in(self.record, column)
         return self.row(key, value, limit, "" if unit == "1" else unit, why, absent=absent)
 
     def _inside(self, envelope: Envelope) -> Iterator[Requirement]:
@@ -314,8 +314,7 @@ class Verdict(Measured):
         without = tuple(each for each in self.untold if each[0] < span[1])
         if (span,) == without:
             why = why or f"the law was told no attitude from {span_text(span)} s"
-        compared = self.record[envelope.error][:, 0] + self.record[envelope.bound][:, 0]
-        own = absent_spans(self.t, compared)
+        own = absent_in(self.record, envelope.error, envelope.bound)
         absent = tuple(each for each in own if not any(clipped(self.untold, each)))
         yield self.row(key, time, 0.0, "s", why, span, without=without, note=note, absent=absent)
         limit = self.required.outside_after_hit
@@ -372,7 +371,8 @@ class Verdict(Measured):
         apart = np.maximum.reduce(np.abs(reported - computed).T)
         if not (apart < 0.5).all():  # else the opposite of a unit quaternion is farther away
             apart = np.minimum(apart, np.maximum.reduce(np.abs(reported + computed).T))
-        yield self.row("reported_error", largest(apart), ROUNDING)
+        absent = absent_in(self.record, ATTITUDE_ERROR.column, ATTITUDE.column)
+        yield self.row("reported_error", largest(apart), ROUNDING, absent=absent)
 
     def _knowledge(self) -> Iterator[Requirement]:
         """Judge the knowledge error, by the requirement or else by the noise that explains it."""
@@ -384,9 +384,12 @@ class Verdict(Measured):
         if accuracy is None:
             return
         value = largest(self.knowledge.in_unit_of(accuracy)) if self.knowledge else None
-        why = self.lacks(TRUE_ATTITUDE.column, ATTITUDE.column)
+        columns = (TRUE_ATTITUDE.column, ATTITUDE.column)
+        why = self.lacks(*columns)
         if self.required.knowledge is None:
             why = why or self.changed(PLANT, "attitude_noise")
         if standing == EXACT:
             value, why = 0.0, ""
-        yield self.row("knowledge", value, accuracy.limit, accuracy.unit, why, strict=True)
+        absent = absent_in(self.record, *columns) if self.knowledge else ()
+        row = ("knowledge", value, accuracy.limit, accuracy.unit, why)
+        yield self.row(*row, strict=True, without=self.untold, absent=absent)

@@ -22,8 +22,9 @@ from contextlib import suppress
 
 import numpy as np
 
+from ppc_attitude.analysis.gaps import absent_in
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.series import has, largest
+from ppc_attitude.analysis.series import has, is_finite, largest, samples
 from ppc_attitude.analysis.verdict import Requirement
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import PLANT
@@ -38,7 +39,7 @@ RESERVE = 0.99
 
 def wheel_shares(record: RunRecord) -> Array | None:
     """Ratio of each wheel's speed to its limit, shape (n, count); None if a limit is unknown."""
-    speeds = np.abs(record[wheels.SPEED.name])
+    speeds = np.abs(samples(record, wheels.SPEED.name))
     with suppress(KeyError, TypeError, ValueError):  # a bag may hold any parameters
         limits = record.parameters[PLANT][wheels.MAX_SPEED.name]
         each = np.pad(limits, (0, speeds.shape[1] - len(limits)), mode="edge")  # one is for all
@@ -50,7 +51,7 @@ def wheel_momentum(record: RunRecord) -> Array | None:
     """‖Σ J_s Ω_w a‖ [N·m·s] at each instant, shape (n,); None if the wheels are not on record."""
     if not has(record, wheels.SPEED.name):
         return None
-    plant, speeds = record.parameters.get(PLANT, {}), record[wheels.SPEED.name]
+    plant, speeds = record.parameters.get(PLANT, {}), samples(record, wheels.SPEED.name)
     with suppress(KeyError, TypeError, ValueError, ConfigurationError):
         return np.asarray(np.linalg.norm(wheels.momenta(plant, speeds), axis=1))
     return None
@@ -58,11 +59,13 @@ def wheel_momentum(record: RunRecord) -> Array | None:
 
 def judge_wheels(run: Measured) -> Iterator[Requirement]:
     """Judge the wheels' momentum, and whether they could take it up."""
+    absent = absent_in(run.record, wheels.SPEED.name) if has(run.record, wheels.SPEED.name) else ()
     if run.required.momentum is not None:
         held, why = wheel_momentum(run.record), run.lacks(wheels.SPEED.name)
         if held is None and not why:
             why = f"no parameters of the wheels ({wheels.INERTIA.name} of {PLANT}) on record"
-        yield run.row("momentum", largest(held), run.required.momentum, "N·m·s", why)
+        limit = run.required.momentum
+        yield run.row("momentum", largest(held), limit, "N·m·s", why, absent=absent)
     if has(run.record, wheels.SPEED.name):
         shares, why = wheel_shares(run.record), run.changed(PLANT, wheels.MAX_SPEED.name)
         if shares is None and not why:
@@ -72,7 +75,8 @@ def judge_wheels(run: Measured) -> Iterator[Requirement]:
             since, wheel = run.t[above[0, 0]], above[0, 1]
             told = f"wheel {wheel} is above the limit from {instant(since)} s on"
             note = f"{told}, so momentum runs out"
-        yield run.row("wheel_speed", largest(shares), RESERVE, "", why, note=note)
+        row = ("wheel_speed", largest(shares), RESERVE, "", why)
+        yield run.row(*row, note=note, absent=absent)
 
 
 def judge_fuel(run: Measured) -> Iterator[Requirement]:
@@ -82,5 +86,7 @@ def judge_fuel(run: Measured) -> Iterator[Requirement]:
     tank, why = run.plant.get(FUEL.name), run.changed(PLANT, FUEL.name)
     if not (isinstance(tank, float) and np.isfinite(tank)):  # a bag may hold any parameters
         tank, why = 0.0, why or f"no tank ({FUEL.name} of {PLANT}) on record"
-    used = run.largest_of(FUEL_USED.name)
-    yield run.row("fuel", used, tank, FUEL_USED.unit, why, strict=True)
+    used, absent = run.largest_of(FUEL_USED.name), absent_in(run.record, FUEL_USED.name)
+    # What is used until later tells of what was used before.
+    absent = () if is_finite(run.record, FUEL_USED.name)[-1] else absent[-1:]
+    yield run.row("fuel", used, tank, FUEL_USED.unit, why, strict=True, absent=absent)

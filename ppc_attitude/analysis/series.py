@@ -122,6 +122,8 @@ def is_regular(record: RunRecord) -> bool:
 def samples(record: RunRecord, column: str) -> Array:
     """Samples of a column, shape (n, width).
 
+    A row with any non-finite number is NaN as a whole.
+
     Raises
     ------
     AnalysisError
@@ -129,21 +131,19 @@ def samples(record: RunRecord, column: str) -> Array:
     """
     if not has(record, column):
         raise AnalysisError(f"{record.source}: the record has no sample of '{topic_of(column)}'")
-    return record[column]
+    rows, known = record[column], is_finite(record, column)
+    return rows if known.all() else np.where(known[:, None], rows, np.nan)
 
 
 def vectors(record: RunRecord, column: str) -> Array:
     """Three-vectors of a column (of a quaternion: its vector part), shape (n, 3).
 
-    A row with any non-finite number is NaN as a whole.
-
     Raises
     ------
     AnalysisError
-        As of `samples`.
+        As of `samples`, whose rows they are.
     """
-    rows, known = samples(record, column), is_finite(record, column)
-    return rows[:, :3] if known.all() else np.where(known[:, None], rows[:, :3], np.nan)
+    return samples(record, column)[:, :3]
 
 
 def topic_of(column: str) -> str:
