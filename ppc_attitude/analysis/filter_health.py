@@ -63,19 +63,18 @@ def judge_filter(run: Measured) -> Iterator[Requirement]:
     gate = settings.get("gate")
     if gate is None or not has(record, _INNOVATION):
         return
-    if run.changed(ESTIMATOR, "gate", MOUNTING.name):
-        return
+    changed = run.changed(ESTIMATOR, "gate", MOUNTING.name)
     told = np.flatnonzero(is_finite(record, _INNOVATION))
     nis = np.square(record[_INNOVATION][told]).sum(axis=1)
     used = nis <= gate
     if count := int(used.sum()):
         # Three standard deviations of the mean of so many χ²₃.
         limit = 3.0 * math.sqrt(6.0 / count)
-        yield run.row("nis", abs(float(nis[used].mean()) - 3.0), limit)
-    refused, why = None, run.lacks(TRUE_ATTITUDE.column)
+        yield run.row("nis", abs(float(nis[used].mean()) - 3.0), limit, "", changed)
+    refused, why = None, changed or run.lacks(TRUE_ATTITUDE.column, _FIX)
     if not (why or used.all() or MOUNTING.name in settings):
         why = f"no mounting ({MOUNTING.name} of {ESTIMATOR}) on record"
-    if not why and has(record, _FIX):
+    if not why:
         rows = told[~used].tolist()
         refused = float(sum(_is_good(record, settings, row) for row in rows))
     yield run.row("refused_fixes", refused, max(1.0, 1e-3 * float(told.size)), "", why)

@@ -49,6 +49,7 @@ verdict says why. T is the settling deadline and R the time allowed for a recove
   numbers, cones and certificate. If it is more than a tenth of a row's span, nobody knows that the
   limit is met; but any later sample tells of the fuel. Where it hides when the error settled, the
   time is told at most, and not judged if it hides on which side of the limit.
+- *A limit that was changed in flight* is not that of the whole run: its row is not judged.
 - *Messages missing or not finite*: those missing, those that carry a NaN, an infinity or a
   number beyond any craft's (1e30), and an attitude of zeros where it is desired or what the run is
   judged by. Such samples are skipped everywhere else. Of instants without a rhythm nobody knows
