@@ -301,12 +301,13 @@ def test_of_steps_that_vary_nobody_knows_what_is_missing():
     assert (row.met, row.reason.startswith("the steps of the record vary")) == (None, True)
 
 
-@pytest.mark.parametrize("column", ["attitude", "reference_attitude"])
+@pytest.mark.parametrize("column", ["attitude", "reference_attitude", "attitude_error"])
 def test_an_attitude_with_a_number_beyond_any_crafts_is_skipped(column):
     verdict = Verdict(with_rows(normal_run(), column, [11_000, 11_500], (1e40, 0.0, 0.0, 0.0)))
     unharmed = Verdict(normal_run())
     assert verdict.metrics.terminal_error == unharmed.metrics.terminal_error
     assert [each.max_deg for each in verdict.errors] == [each.max_deg for each in unharmed.errors]
+    assert [each.key for each in verdict.requirements if not each.met] == ["lost_messages"]
 
 
 def test_a_torque_with_a_number_beyond_any_crafts_is_skipped():

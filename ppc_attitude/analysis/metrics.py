@@ -73,7 +73,7 @@ from ppc_attitude.analysis.hits import window
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Accuracy, Requirements, outside_names
 from ppc_attitude.analysis.reserves import judge_fuel, judge_wheels
-from ppc_attitude.analysis.series import has, is_regular, largest, zero_ns
+from ppc_attitude.analysis.series import has, is_regular, largest, samples, zero_ns
 from ppc_attitude.analysis.truth import EXACT, RECORDED, lost
 from ppc_attitude.analysis.verdict import (
     MET,
@@ -368,7 +368,7 @@ class Verdict(Measured):
         told = self.control
         if told is None or not has(self.record, ATTITUDE_ERROR.column):
             return
-        reported, computed = self.record[ATTITUDE_ERROR.column], told.quaternions
+        reported, computed = samples(self.record, ATTITUDE_ERROR.column), told.quaternions
         apart = np.maximum.reduce(np.abs(reported - computed).T)
         if not (apart < 0.5).all():  # else the opposite of a unit quaternion is farther away
             apart = np.minimum(apart, np.maximum.reduce(np.abs(reported + computed).T))
