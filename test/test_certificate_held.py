@@ -24,7 +24,7 @@ import pytest
 from conftest import Ask, coarse_cells
 from craft_helpers import case, configs, overlay
 from scipy.spatial.transform import Rotation
-from synthetic import requirement, with_columns, with_parameters, without_columns
+from synthetic import requirement, with_columns, with_parameters, with_rows, without_columns
 
 from ppc_attitude.analysis.guarantee import Held, certificate_held, nodes_around
 from ppc_attitude.analysis.metrics import Verdict
@@ -77,6 +77,13 @@ def test_of_a_run_whose_samples_are_all_late_nothing_is_judged() -> None:
     )
     held = held_by(halved)
     assert held.reason == f"suspended: a late sample at {halved.stamps_ns.size - 1} instants"
+
+
+@pytest.mark.parametrize("column", ["attitude", "momentum_error", "phase"])
+def test_a_promise_is_not_judged_where_a_column_is_long_not_on_record(column: str) -> None:
+    run = with_rows(record_of("guaranteed"), column, slice(100, 1000), np.nan)
+    row = requirement(Verdict(run), "certificate")
+    assert (row.met, row.reason) == (None, "nothing is on record from 0.99 to 10 s")
 
 
 def test_a_hit_suspends_the_promise_and_says_so() -> None:

@@ -25,7 +25,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
-from synthetic import part_of, requirement, with_columns, with_parameters
+from synthetic import part_of, requirement, with_columns, with_parameters, with_rows
 from test_goal_reference import flight, given_in_flight
 
 from ppc_attitude.analysis.drawing import BLUE, ORANGE, RED
@@ -269,6 +269,15 @@ def test_an_attitude_that_is_not_known_is_in_no_cone_and_nowhere_on_the_sky(
     attitude[:] = 0.0
     assert approaches_of(lacking) == []
     assert np.isnan(pointed(np.zeros((1, 4)), (0.0, 0.0, 1.0))).all()
+
+
+def test_cones_are_not_judged_where_the_attitude_is_long_not_on_record(record: RunRecord) -> None:
+    row = requirement(Verdict(record), "keep_out")
+    assert row.met is not None
+    most = slice(100, record.stamps_ns.size // 2)
+    row = requirement(Verdict(with_rows(record, "attitude", most, np.nan)), "keep_out")
+    assert row.met is None
+    assert row.reason.startswith("nothing is on record from ")
 
 
 def test_a_run_without_goals_has_none_of_them() -> None:
