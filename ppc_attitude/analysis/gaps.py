@@ -18,7 +18,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ppc_attitude.analysis.series import elapsed, samples, step
+from ppc_attitude.analysis.series import Mask, elapsed, is_finite, once, step
 from ppc_attitude.analysis.verdict import Span, span_text
 from ppc_attitude.contract.run_record import LONGEST, USUAL, Array, RunRecord
 
@@ -31,18 +31,17 @@ def known_span(t: Array, values: Array) -> Span | None:
     return (float(finite[0]), float(finite[-1])) if finite.size else None
 
 
-def absent_spans(t: Array, values: Array) -> tuple[Span, ...]:
-    """Between which instants [s] no value is finite for long, each of shape (n,).
+def absent_spans(record: RunRecord, known: Mask) -> tuple[Span, ...]:
+    """Between which instants [s] nothing is known for long; the mask has shape (n,).
 
-    What is before the first one is not absent: it has not begun.
+    What is before the first one that is known is not absent: it has not begun.
     """
-    longest = LONGEST * step(t)
-    is_finite = np.isfinite(values)
-    if t.size < 2 or (is_finite.all() and np.diff(t).max() <= longest):
+    t = elapsed(record)
+    if t.size < 2 or (known.all() and _has_no_gap(record)):
         return ()
     # Steps that vary are not long because of their median.
-    longest = max(longest, LONGEST * float(np.quantile(np.diff(t), USUAL)))
-    told = t[is_finite]
+    longest = LONGEST * max(step(t), float(np.quantile(np.diff(t), USUAL)))
+    told = t[known]
     told = np.append(told, t[-1]) if told.size else told
     long = np.flatnonzero(np.round(np.diff(told) / longest, 6) > 1.0)
     return tuple((float(told[k]), float(told[k + 1])) for k in long)
@@ -50,9 +49,14 @@ def absent_spans(t: Array, values: Array) -> tuple[Span, ...]:
 
 def absent_in(record: RunRecord, *columns: str) -> tuple[Span, ...]:
     """Between which instants [s] one of some columns of a record has no sample for long."""
-    # A number and a NaN give NaN, so a sum is finite where every column is.
-    together = np.stack([samples(record, each)[:, 0] for each in columns]).sum(axis=0)
-    return absent_spans(elapsed(record), together)
+    known = [is_finite(record, each) for each in columns]
+    return absent_spans(record, np.logical_and.reduce(known))
+
+
+@once
+def _has_no_gap(record: RunRecord) -> bool:
+    t = elapsed(record)
+    return bool(np.diff(t).max() <= LONGEST * step(t))
 
 
 def clipped(spans: Iterable[Span], within: Span) -> tuple[Span, ...]:

@@ -107,7 +107,7 @@ class Measured:
         self._actuator = ACTUATORS.selected(self.plant)
         size = self.size(required.settled)
         self.known_from, self.known_until = known_span(self.t, size) or self.whole
-        self.absent = absent_spans(self.t, size)
+        self.absent = absent_spans(record, np.isfinite(size))
         # What is not on record and hides when the error settled: at first, and after a hit's start.
         self.hidden: dict[float | None, Span] = {}
         self.lacks_attitude = self.lacks(truth.attitude, REFERENCE_ATTITUDE.column)

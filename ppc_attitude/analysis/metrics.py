@@ -142,7 +142,7 @@ class Verdict(Measured):
         ):
             unknown = np.full(self.t.size, np.nan)
             angles = unknown if errors is None else np.rad2deg(errors.angles)
-            without = clipped(absent_spans(self.t, angles), self.last_span)
+            without = clipped(absent_spans(self.record, np.isfinite(angles)), self.last_span)
             angles = angles[self.last & np.isfinite(angles)]
             most = rms = None
             if angles.size:
@@ -203,8 +203,9 @@ class Verdict(Measured):
             why = self.lacks_rate or self.lacks_calm
             rate = self.metrics.max_rate_deg_s
             note = self._whole_run(rate, self.metrics.max_rate_whole_run_deg_s, "deg/s")
-            span, absent = self.rate_spans[0], absent_spans(self.t, self.rate[:, 0])
+            span, known = self.rate_spans[0], np.isfinite(self.rate[:, 0])
             limit = required.rate
+            absent = absent_spans(self.record, known)
             yield self.row("rate", rate, limit, "deg/s", why, span, note=note, absent=absent)
         if required.torque is not None:
             why = self.lacks_torque_limit
