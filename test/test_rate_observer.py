@@ -21,6 +21,7 @@ import pytest
 from estimation_helpers import STEP_NS, Array, suite
 from record_helpers import configured, new_record, records_of
 from scipy.integrate import trapezoid
+from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.controllers import momentum_tube, ppc, quaternion_feedback
 from ppc_attitude.science.errors import ConfigurationError
@@ -133,7 +134,6 @@ def test_a_disturbance_is_learnt_and_taken_off_the_command() -> None:
     _, means = motion(torques, disturbance)
     settings = observer(2.0, disturbance_feedforward=False)
     rows = run(settings, means)
-    # J_ii in the gain and a full J in the model: the estimate still ends at the torque itself.
     assert np.abs(rows[-1, 3:] - disturbance).max() < 1e-5
     memory = new_record(MEMORY)
     memory["disturbance"] = disturbance
@@ -141,6 +141,30 @@ def test_a_disturbance_is_learnt_and_taken_off_the_command() -> None:
     assert compensate(forward, memory, (0.01, 0.01, -0.049)) == pytest.approx((0.008, 0.013, -0.05))
     assert memory["torque"] == pytest.approx([0.008, 0.013, -0.05])
     assert compensate(settings, memory, (0.01, 0.0, 0.0)) == (0.01, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("turn", [[0.0, 0.0, 0.0], [0.6, 0.8, -0.5]])
+def test_whatever_the_body_axes_a_disturbance_is_learnt_as_the_transfer_says(
+    turn: list[float],
+) -> None:
+    """With J_ii for J, an oblong craft with slanted axes had a loop that did not settle."""
+    axes = Rotation.from_rotvec(turn).as_matrix()
+    inertia = axes @ np.diag([2.8, 2.5, 0.35]) @ axes.T
+    disturbance = 1e-8 * axes @ np.array([1.0, -2.0, 1.5])  # too small to turn the craft
+    frequency, slow = 5.0, 10  # steps of 0.1 s
+    times = slow * H * np.arange(60)
+    rates = np.outer(times, np.linalg.solve(inertia, disturbance))
+    means = np.vstack([rates[:1], 0.5 * (rates[1:] + rates[:-1])])
+    settings = observer(frequency, inertia, max_disturbance=0.05)
+    memory = new_record(MEMORY)
+    learnt = []
+    for k, mean in enumerate(means.tolist()):
+        observe(settings, memory, slow * k * STEP_NS, (mean[0], mean[1], mean[2]))
+        learnt.append(memory["disturbance"] @ axes)
+    p = math.exp(-frequency * slow * H)
+    unlearnt = 1.0 - np.array(learnt) / (disturbance @ axes)
+    assert np.abs(unlearnt - unlearnt[:, :1]).max() < 1e-4  # every principal axis alike
+    assert np.abs(unlearnt[30:]).max() < 30.0 * p**30 + 1e-4
 
 
 def test_the_disturbance_estimate_has_a_limit() -> None:

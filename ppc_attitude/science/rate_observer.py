@@ -44,13 +44,13 @@ from ppc_attitude.science.kernel import (
     ZERO,
     Vector,
     add,
+    apply,
     bounded,
     carray,
     clamp,
     divide,
     kernel,
     matrix,
-    multiply,
     norm,
     pointer_to,
     quaternion,
@@ -122,7 +122,7 @@ def observer_record(values: Mapping[str, Any]) -> Any:
     inertia = inertia_matrix("inertia", values["inertia"])
     frequency, white = values[RATE_OBSERVER.name], values[ANGULAR_RANDOM_WALK.name]
     limit = values[MAX_DISTURBANCE.name]
-    noise = disturbance_sigma(frequency, white, float(np.diag(inertia).max()))
+    noise = disturbance_sigma(frequency, white, float(np.linalg.norm(inertia, axis=1).max()))
     if _WIDE * noise > limit:
         raise ConfigurationError(
             f"{RATE_OBSERVER.name} = {frequency} rad/s gives the disturbance estimate a noise of "
@@ -147,7 +147,10 @@ def rate_sigma(frequency: float, white: float) -> float:
 
 
 def disturbance_sigma(frequency: float, white: float, inertia: float) -> float:
-    """σ of d̂ [N·m]: ½ J ω_n^1.5 σ_v, from the transfer J s ω_n²/(s + ω_n)²."""
+    """σ of d̂ on an axis [N·m]: ½ ‖J_i‖ ω_n^1.5 σ_v, from the transfer J s ω_n²/(s + ω_n)².
+
+    The inertia [kg·m²] is the norm of the axis's row of J.
+    """
     return 0.5 * inertia * math.pow(frequency, 1.5) * white
 
 
@@ -156,7 +159,7 @@ def observe(observer: Any, memory: Any, stamp_ns: int, measured: Vector) -> Vect
     """Rate ω̂ [rad/s] at a stamp [ns] from the measured mean rate of the interval that ends there.
 
     a = J⁻¹ (τ + d̂ − ω̂ × J ω̂), ω⁻ = ω̂ + Δt a, r = ω_k − ½ (ω⁻ + ω̂), p = e^{−ω_n Δt};
-    ω̂ ← ω⁻ + (1 − p²) r and d̂ ← d̂ + J_ii (1 − p)²/Δt · r with r bounded by ±g. Two residuals
+    ω̂ ← ω⁻ + (1 − p²) r and d̂ ← d̂ + (1 − p)²/Δt · J r with r bounded by ±g. Two residuals
     beyond g in a row are a hit: then ω̂ starts anew from the measurement, ½ Δt a further on, and
     d̂ stays; a is left out where ω̂ was so wrong that its ω̂ × J ω̂ could only lead away. So it
     starts after a gap, too, over which nobody knows the torque that acted.
@@ -195,7 +198,8 @@ def observe(observer: Any, memory: Any, stamp_ns: int, measured: Vector) -> Vect
         p = memory.decay
         rate = add(predicted, scale(1.0 - p * p, r))
         s = (1.0 - p) * (1.0 - p) / h
-        d = add(d, multiply(scale(s, moments), bounded(r, g)))
+        x, y, z = inertia
+        d = add(d, apply((scale(s, x), scale(s, y), scale(s, z)), bounded(r, g)))
         store(memory.disturbance, clamp(d, observer.max_disturbance))
     memory.surprised = 1.0 if surprised else 0.0
     store(memory.rate, rate)
