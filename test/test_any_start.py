@@ -170,6 +170,19 @@ def test_a_plan_in_flight_begins_down_the_table_with_room_for_the_error() -> Non
     assert rate == 0.0  # it waits
 
 
+def test_a_plan_made_on_target_depends_on_the_rate_and_not_on_the_rounding_of_the_error() -> None:
+    """Guidance begins where the craft is, so the law's first error is a rounded zero."""
+    rate, plans = 0.03, []
+    for error in (*(1e-17 * np.eye(3)), *(-1e-17 * np.eye(3)), np.zeros(3)):
+        plan = np.zeros((), PLAN)[()]
+        plan_envelopes(plan, 1.0, (*error.tolist(), 1.0), (0.0, rate, 0.0), GAINS)
+        plans.append(plan.tolist())
+    assert np.ptp(plans, axis=0).max() < 1e-9
+    rho = carry_on(plan, 1.0, GAINS)[1][0]
+    braking = rate * rate * 2.5 / (0.05 - LAW["D_m"])  # [rad] twice what a full brake needs
+    assert 0.5 * braking < rho < 5.0 * braking
+
+
 @pytest.mark.parametrize(("early", "plans"), [(0.25, 1.0), (0.0, 2.0)])
 def test_a_plan_is_revised_when_its_hold_has_ended_and_not_before(
     early: float, plans: float

@@ -104,8 +104,11 @@ def _present_turn(
 ) -> tuple[float, float, float]:
     """φ' [rad/s] now; time [s] and |φ''| [rad/s²] with which the torque makes it the asked one."""
     q = vector(q_e)
-    length = norm(q)
-    axis = scale(sign(q_e[3]) / length, q) if length > 0.0 else (1.0, 0.0, 0.0)
+    length, speed = norm(q), norm(omega_e)
+    if phi > _HOLD_STEP * speed:
+        axis = scale(sign(q_e[3]) / length, q)
+    else:  # the error is about to be that which the rate makes, whatever its axis is now
+        axis = scale(1.0 / speed, omega_e) if speed > 0.0 else ZERO
     rate = dot(axis, omega_e)
     asked = _turn_rate(phi, 1.0, gains)
     momentum = largest(apply(matrix(gains.inertia), subtract(scale(asked, axis), omega_e)))
