@@ -136,12 +136,11 @@ class Flown:
         stamps = stamps_of(float(self.parameters[PLANT]["rate"]), SHOWN)
         self._later = stamps[stamps >= SET * 1e9]
         self.diagram.run(stamps[: -self._later.size])
-        self._memory = [each.copy() for each in self.diagram.memory]
+        self._then = self.diagram.snapshot()
 
     def goes_on(self) -> list[Any]:
         """Samples from the instant on, and what each part says in the end."""
-        for each, was in zip(self.diagram.memory, self._memory, strict=True):
-            each[:] = was
+        self.diagram.put_back(self._then)
         samples = self.diagram.run(self._later).tobytes()
         return [samples, *(part.advice for part in self.diagram.parts.values())]
 
