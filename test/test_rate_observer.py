@@ -12,6 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
+import itertools
 import math
 from dataclasses import replace
 from typing import Any
@@ -165,6 +166,21 @@ def test_whatever_the_body_axes_a_disturbance_is_learnt_as_the_transfer_says(
     unlearnt = 1.0 - np.array(learnt) / (disturbance @ axes)
     assert np.abs(unlearnt - unlearnt[:, :1]).max() < 1e-4  # every principal axis alike
     assert np.abs(unlearnt[30:]).max() < 30.0 * p**30 + 1e-4
+
+
+@pytest.mark.parametrize("axes", list(itertools.product((-1.0, 1.0), repeat=3)))
+def test_whatever_the_body_axes_a_disturbance_within_its_limit_is_no_hit(
+    axes: tuple[float, float, float],
+) -> None:
+    """With 1/J_ii for J⁻¹, an oblong craft with slanted axes took half of the limit for a hit."""
+    turn = Rotation.from_rotvec([0.6, 0.8, -0.5]).as_matrix()
+    inertia = turn @ np.diag([2.8, 2.5, 0.35]) @ turn.T
+    settings, memory = observer(2.0, inertia, suite_name="flagship"), new_record(MEMORY)
+    gain = H * 6e-3 * np.linalg.solve(inertia, axes)  # [rad/s] in a step, with the limit
+    x, y, z = (0.5 * gain).tolist()  # its mean in the first step
+    observe(settings, memory, 0, ZERO)
+    observe(settings, memory, STEP_NS, (x, y, z))
+    assert memory["surprised"] == 0.0
 
 
 def test_the_disturbance_estimate_has_a_limit() -> None:

@@ -48,7 +48,6 @@ from ppc_attitude.science.kernel import (
     bounded,
     carray,
     clamp,
-    divide,
     kernel,
     matrix,
     norm,
@@ -91,6 +90,7 @@ OBSERVER = record_type(
     ("rounding", np.float64),  # LSB²/12 [rad²/s²]
     ("inertia", np.float64, (3, 3)),  # [kg·m²]
     ("inertia_inverse", np.float64, (3, 3)),
+    ("answer", np.float64, (3,)),  # Σ_j |J⁻¹|_ij [1/(kg·m²)]: of the rate to 1 N·m on every axis
 )
 MEMORY = record_type(
     ("started", np.float64),
@@ -120,6 +120,7 @@ def observer_record(values: Mapping[str, Any]) -> Any:
         The estimate's own noise leaves no room below `max_disturbance`.
     """
     inertia = inertia_matrix("inertia", values["inertia"])
+    inverse = np.linalg.inv(inertia)
     frequency, white = values[RATE_OBSERVER.name], values[ANGULAR_RANDOM_WALK.name]
     limit = values[MAX_DISTURBANCE.name]
     noise = disturbance_sigma(frequency, white, float(np.linalg.norm(inertia, axis=1).max()))
@@ -137,7 +138,8 @@ def observer_record(values: Mapping[str, Any]) -> Any:
         white=white**2,
         rounding=values[RESOLUTION.name] ** 2 / 12.0,
         inertia=inertia,
-        inertia_inverse=np.linalg.inv(inertia),
+        inertia_inverse=inverse,
+        answer=np.abs(inverse).sum(axis=1),
     )
 
 
@@ -184,9 +186,8 @@ def observe(observer: Any, memory: Any, stamp_ns: int, measured: Vector) -> Vect
     predicted = add(before, scale(h, acceleration))
     r = subtract(measured, scale(0.5, add(predicted, before)))
     noise = _SURPRISE * math.sqrt(observer.white / h + observer.rounding)
-    moments = (inertia[0][0], inertia[1][1], inertia[2][2])
-    room = h * observer.max_disturbance
-    g = add((noise, noise, noise), divide((room, room, room), moments))
+    room = scale(h * observer.max_disturbance, vector(observer.answer))
+    g = add((noise, noise, noise), room)
     surprised = abs(r[0]) > g[0] or abs(r[1]) > g[1] or abs(r[2]) > g[2]
     if surprised and memory.surprised != 0.0:
         turned = h * norm(before)
