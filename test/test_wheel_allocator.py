@@ -115,6 +115,19 @@ def test_no_torque_that_is_sent_passes_the_limits_of_motor_and_speed(
     assert_array_equal(gave[4:], 0.0)
 
 
+def test_motors_give_a_drive_what_it_asks_for_to_the_last_bit() -> None:
+    """With a wheel beyond its largest speed they took off what the drive's rounding added."""
+    random = np.random.default_rng(1)
+    drive, motors = part_of(ALLOCATORS, "wheel_drive"), part_of(ACTUATORS, "wheel_motors")
+    rest = [0.0] * 4  # of the eight speeds and torques
+    for torque in 0.05 * random.standard_normal((3000, 3)):
+        speeds = random.choice([-628.305, 628.305, 300.0], 4) - 0.005 * random.random(4)
+        drive.step(0, [*torque.tolist(), 0.0, 0.0, 0.0, *speeds.tolist(), *rest])
+        asked = drive.output("wheel_torque_command")
+        motors.step(0, [*asked, 0.0, 0.0, 0.0, *speeds.tolist(), *rest])
+        assert_array_equal(motors.output("wheel_torque"), asked)
+
+
 def test_a_dipole_too_large_is_scaled_and_turns_the_craft() -> None:
     rods, field = part_of(ACTUATORS, "wheel_motors_rods"), [2e-5, -1e-5, 3e-5]
     for asked, given_ in (

@@ -130,8 +130,10 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     craft, speeds = configuration.wheels, inputs.wheel_speed
     for i in range(craft.count):
         slower, faster = room(craft, i, speeds[i])
-        resistance, trace = friction(craft, i, speeds[i]), TRACE * craft.max_torque[i]
-        # A wheel at its largest speed may be asked for what slows it, and for its friction.
+        resistance = friction(craft, i, speeds[i])
+        # A wheel at its largest speed may be asked for what slows it, and for its friction. The
+        # drive may ask for a trace more, which it rounds.
+        trace = 2.0 * TRACE * craft.max_torque[i]
         most = min(craft.max_torque[i], resistance + max(faster, 0.0)) + trace
         least = max(-craft.max_torque[i], resistance - max(slower, 0.0)) - trace
         outputs.wheel_torque[i] = min(max(inputs.wheel_torque_command[i], least), most)
