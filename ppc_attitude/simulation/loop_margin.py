@@ -14,8 +14,8 @@
 
 """How far the closed loop is from oscillating, measured on the loop itself.
 
-The craft is at rest on its reference, without noise, faults and disturbances: there the gain of a
-law with tanh is largest. A small torque d acts for one sample, and the actuator answers with the
+The craft is at rest, as is its reference, without noise, faults and disturbances: there the gain of
+a law with tanh is largest. A small torque d acts for one sample, and the actuator answers with the
 torque u. To first order S = I + U/D is the sensitivity at the craft, whatever is in the loop: law,
 observer, filter, delays, wheels, modes. The disk margin is α = 1/‖S − I/2‖∞ (Seiler, Packard and
 Gahinet, *An introduction to disk margins*, 2020): the loop stays stable if the gain of every axis
@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from ppc_attitude.contract.declared import parameters_in_use
 from ppc_attitude.contract.run_record import Array
-from ppc_attitude.contract.topics import INJECTOR, PLANT
+from ppc_attitude.contract.topics import INJECTOR, NODE_OF, PLANT
 from ppc_attitude.science.conditions import Condition, advisable
 from ppc_attitude.science.disturbances.pulses import DURATIONS, TIMES, TORQUES
 from ppc_attitude.science.faults import FAULTS
@@ -203,24 +203,23 @@ class _RestingLoop:
 
 def _at_rest(scenario: Scenario) -> Scenario:
     """The craft at rest on its reference, with nothing that disturbs the answer to a torque."""
-    plant: dict[str, object] = {}
-    injector: dict[str, object] = {each.name: [] for each in (TIMES, DURATIONS, TORQUES)}
-    read = set[str]()
-    for kind, component in selected(scenario.parameters):
-        plant |= component.quiet
-        read |= {column.name for column in component.inputs if kind is not DISTURBANCES}
-    environment = ENVIRONMENTS.selected(scenario.parameters[INJECTOR])
-    if environment is not None and read.isdisjoint(column.name for column in environment.outputs):
-        injector[ENVIRONMENTS.selector] = ENVIRONMENTS.switch[False]
+    chosen, injector = selected(scenario.parameters), scenario.parameters[INJECTOR]
+    quiet: dict[str, dict[str, object]] = {PLANT: {}, INJECTOR: {}}
+    for kind, component in chosen:
+        quiet.setdefault(NODE_OF[kind.name], {}).update(component.quiet)
+    quiet[INJECTOR].update((each.name, []) for each in (TIMES, DURATIONS, TORQUES))
+    read = {each for kind, part in chosen if kind is not DISTURBANCES for each in part.inputs}
+    environment = ENVIRONMENTS.selected(injector)
+    if environment is not None and read.isdisjoint(environment.outputs):
+        quiet[INJECTOR][ENVIRONMENTS.selector] = ENVIRONMENTS.switch[False]
     in_use = parameters_in_use(PLANT, scenario.parameters[PLANT])
     if FAULTS.name in in_use:
-        plant[FAULTS.name] = []
-    if {INITIAL_ATTITUDE.name, INITIAL_RATE.name} <= in_use.keys():
-        given = {
-            name: part.output(name)
-            for part in first_instant(scenario).values()
-            for name in part.places
-        }
-        plant[INITIAL_ATTITUDE.name] = list(given[REFERENCE_ATTITUDE.name])
-        plant[INITIAL_RATE.name] = list(given[REFERENCE_RATE.name])
-    return scenario.overlaid({PLANT: plant, INJECTOR: injector})
+        quiet[PLANT][FAULTS.name] = []
+    resting = scenario.overlaid(quiet)
+    if not {INITIAL_ATTITUDE.name, INITIAL_RATE.name} <= in_use.keys():
+        return resting
+    parts = first_instant(resting).values()
+    given = {name: part.output(name) for part in parts for name in part.places}
+    motion = (INITIAL_ATTITUDE, REFERENCE_ATTITUDE), (INITIAL_RATE, REFERENCE_RATE)
+    start = {initial.name: list(given[desired.name]) for initial, desired in motion}
+    return resting.overlaid({PLANT: start})

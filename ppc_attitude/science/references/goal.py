@@ -383,6 +383,7 @@ COMPONENT = Component(
     inputs=(ATTITUDE,),
     outputs=DESIRED_MOTION,
     step=step,
+    quiet={each.name: each.default for each in GOAL_PARAMETERS},
     advice=advice,
     advices=lambda state: int(state["obeyed"] + state["watch"]["changes"]),
     motion_bounds=motion_bounds,

@@ -191,5 +191,6 @@ COMPONENT = Component(
     state=CURSOR,
     outputs=DESIRED_MOTION,
     step=step,
+    quiet={AMPLITUDE.name: [0.0] * 3},
     motion_bounds=motion_bounds,
 )
