@@ -70,6 +70,51 @@ def test_the_margin_of_a_linear_loop_is_that_of_the_closed_form(
     assert found.disk == pytest.approx(1.0 / np.abs(S - 0.5).max(), rel=2e-3)
 
 
+@pytest.mark.parametrize("rate", [10.0, 1000.0])
+def test_the_margin_is_that_of_the_loop_where_rounding_would_hide_small_answers(
+    rate: float,
+) -> None:
+    """So little torque for so much inertia that 1e-7 of it turns the craft by less than 1e-16."""
+    heavy, light = (np.multiply(size, np.eye(3)).ravel().tolist() for size in (2e4, 2.0))
+    loop = linear(natural_frequency=0.3).with_values(PLANT, rate=rate)
+    large, small = (
+        loop.with_values(PLANT, inertia=each).with_values(CONTROLLER, inertia=each)
+        for each in (heavy, light)
+    )
+    assert margin_of(large).disk == pytest.approx(margin_of(small).disk, rel=0.01)
+
+
+def test_a_filter_at_a_high_rate_does_not_take_the_margin_away() -> None:
+    slow, fast = (case("sensors_flagship").with_values(PLANT, rate=x) for x in (100.0, 1000.0))
+    assert margin_of(fast).disk == pytest.approx(margin_of(slow).disk, rel=0.02)
+
+
+@pytest.mark.parametrize("rate", [10.0, 100.0])
+def test_a_slow_loop_has_the_margin_of_a_fast_one(rate: float) -> None:
+    """One that needs a half an hour to come to rest."""
+    fast, slow = (
+        linear(natural_frequency=w, integral_time=6.0 / w).with_values(PLANT, rate=rate)
+        for w in (0.1, 0.01)
+    )
+    assert margin_of(slow).disk == pytest.approx(margin_of(fast).disk, rel=0.03)
+    assert margin_of(slow).fades > 500.0
+
+
+@pytest.mark.parametrize(("damping", "told"), [(0.01, False), (0.0012, True)])
+def test_a_mode_that_grows_slowly_is_heard(damping: float, told: bool) -> None:
+    """Its part of the first answer is below 1 %, and grows by a sixth in 80 s."""
+    bending = {
+        "plant": "flexible",
+        "flexible.frequency": [0.13, 0.69],
+        "flexible.damping": [damping, damping],
+        "flexible.coupling": [-0.46, -0.118, -0.115, 0.088, -0.314, 0.124],
+    }
+    law = {"rate_observer": 1.6, "disturbance_feedforward": True, "max_disturbance": 0.02}
+    loop = linear(natural_frequency=2.75, damping=0.86, integral_time=5.3)
+    loop = loop.with_values(CONTROLLER, **law).with_values(PLANT, rate=200.0, **bending)
+    assert (margin_of(loop).disk == 0.0) == told
+
+
 @pytest.mark.parametrize(("share", "stable"), [(0.99, True), (1.01, False)])
 def test_the_gain_that_is_told_is_where_the_loop_begins_to_swing(
     share: float, stable: bool
@@ -135,6 +180,25 @@ def test_a_disturbance_estimate_that_swings_is_seen(share: float, told: bool) ->
     late = run.t > 60.0
     change = np.abs(np.diff(run["torque_command"][late], axis=0)).max()
     assert bool(change > D_m) == told
+
+
+@pytest.mark.parametrize(("D_m", "told"), [(1e-4, False), (1.14e-3, True)])
+def test_a_torque_that_swings_over_several_samples_is_seen(D_m: float, told: bool) -> None:
+    """With modes and a late command it does so with a period of eight samples."""
+    bending = {
+        "plant": "flexible",
+        "flexible.frequency": [0.173, 0.219],
+        "flexible.damping": [0.0026, 0.0026],
+        "flexible.coupling": [-0.155, -0.414, 0.585, 0.039, -0.345, 0.247],
+    }
+    loop = case(rate=10.0, min_torque=0.0, late_command=True, **bending)
+    law = {"attitude_envelope.terminal": 0.016, "attitude_envelope.exponential_terminal": 3.2e-4}
+    loop = loop.with_values(CONTROLLER, D_m=D_m, **law)
+    loop = loop.with_values(REFERENCE, amplitude=[0.0] * 3)
+    torque = simulate(loop.with_values(INJECTOR, environment="none"), 300.0)["torque_command"]
+    amplitude = 0.5 * np.ptp(torque[-1000:], axis=0).max()
+    assert bool(amplitude > 1e-3) == told
+    assert margin_of(loop).swing == pytest.approx(amplitude, rel=0.3, abs=1e-4)
 
 
 @pytest.mark.parametrize(("share", "told"), [(0.53, False), (0.56, True)])

@@ -14,13 +14,14 @@
 
 """How far the closed loop is from oscillating, measured on the loop itself.
 
-The craft is at rest, as is its reference, without noise, faults and disturbances: there the gain of
-a law with tanh is largest. A small torque d acts for one sample, and the actuator answers with the
-torque u. To first order S = I + U/D is the sensitivity at the craft, whatever is in the loop: law,
-observer, filter, delays, wheels, modes. The disk margin is α = 1/‖S − I/2‖∞ (Seiler, Packard and
-Gahinet, *An introduction to disk margins*, 2020): the loop stays stable if the gain of every axis
-changes by a factor between (2 − α)/(2 + α) and its inverse, or the phase of every axis by up to
-2 atan(α/2), each axis in its own way.
+Craft and reference are at rest, without noise, faults and disturbances: there the gain of a law
+with tanh is largest. A small torque d acts for one sample, and the actuator answers with the torque
+u. The torque is as large as it can be while the answers to d and −d/2 are in proportion, because
+the rounding of attitudes hides the answer to a smaller one. To first order S = I + U/D is the
+sensitivity at the craft, whatever is in the loop: law, observer, filter, delays, wheels, modes.
+The disk margin is α = 1/‖S − I/2‖∞ (Seiler, Packard and Gahinet, *An introduction to disk margins*,
+2020): the loop stays stable if the gain of every axis changes by a factor between (2 − α)/(2 + α)
+and its inverse, or the phase of every axis by up to 2 atan(α/2), each axis in its own way.
 
 Thrusters act once in a period, so for them a sample is a period, and torques are its means.
 """
@@ -28,6 +29,7 @@ Thrusters act once in a period, so for them a sample is a period, and torques ar
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +43,7 @@ from ppc_attitude.science.faults import FAULTS
 from ppc_attitude.science.kinds import DISTURBANCES, ENVIRONMENTS
 from ppc_attitude.science.plants.rigid_body import INITIAL_ATTITUDE, INITIAL_RATE
 from ppc_attitude.science.signals import APPLIED_TORQUE, REFERENCE_ATTITUDE, REFERENCE_RATE
-from ppc_attitude.science.stamps import stamp_of
+from ppc_attitude.science.stamps import NANOSECONDS
 from ppc_attitude.science.thrusters import PERIOD
 from ppc_attitude.simulation.closed_loop import first_instant
 from ppc_attitude.simulation.diagram import Diagram, selected
@@ -49,13 +51,17 @@ from ppc_attitude.simulation.scenario import Scenario
 
 LEAST = 0.3
 """Disk margin that a loop should have: its gain may change by 1.35 times, or its phase by 17°."""
-_SWING = 0.01  # share of the actuator's torque that may change its sign at every sample
+_SWING = 0.01  # share of the actuator's torque that may swing by itself
 _LATEST = 3600.0  # [s] at which the loop is measured
-_SMALL = 1e-7  # share of the actuator's torque: far above rounding, and small in any envelope
+_SHARES = (1e-3, 1e-5, 1e-7)  # of the actuator's torque: the first that is small in the envelopes
 _FADED = 0.01  # share of the largest answer that is as good as none
-_LINEAR = 0.1  # share by which the answers to d and −d may differ
+_UNHEARD = 0.05  # of S, which the rest of an answer may change
+_ROUNDING = 1e-6  # share of an answer that rounding may make
+_LINEAR = 0.05  # share by which the answers to d and −d/2 may differ
 _LEFT = 0.5  # share of a lasting torque that the loop may leave
-_FIRST, _LONGEST, _MOST = 60.0, 900.0, 100_000  # [s], [s] and instants of an answer
+_FIRST, _LONGEST, _MOST = 60.0, 3840.0, 250_000  # [s], [s] and instants of an answer
+_LAGS = (1, 2, 4)  # [samples] after which a torque that swings has the other sign
+_USUAL = 0.99  # quantile that leaves out steps of a reference that begins a slew
 _BLOCK = 4096  # instants of which the samples are not kept
 
 
@@ -66,13 +72,15 @@ class LoopMargin:
     Attributes
     ----------
     disk : float
-        Disk margin α; 0 if the loop does not come to rest after a small torque.
+        Disk margin α; 0 if the loop does not come to rest after a small torque while one listens.
     frequency : float
         Where it is least, or where the loop swings [Hz].
     fades : float
-        Time [s] after which the answer to a small torque is below 1 % of its largest value.
+        Time [s] after which the answer to a small torque is below 1 % of its largest value; for how
+        long it was listened to if `disk` is 0.
     swing : float
-        Amplitude with which the torque of an axis alternates from sample to sample [N·m].
+        Amplitude with which the torque of an axis swings by itself, within some samples [N·m];
+        infinite if a torque is not finite.
     """
 
     disk: float
@@ -105,8 +113,8 @@ def loop_conditions(scenario: Scenario, at: float, torque: float) -> Iterator[Co
         )
     else:
         meaning += (
-            f"the loop does not come to rest after a small torque, or does not answer it; it "
-            f"swings most at {where}"
+            f"the answer to a small torque grows, has not faded after {found.fades:.3g} s, is not "
+            f"in proportion to the torque, or does not come; it is largest at {where}"
         )
     yield Condition("loop margin", found.disk, LEAST, "≥", "", False, meaning)
     yield advisable(
@@ -114,8 +122,9 @@ def loop_conditions(scenario: Scenario, at: float, torque: float) -> Iterator[Co
         found.swing,
         _SWING * torque,
         "N·m",
-        "amplitude with which the torque of an axis changes its sign at every sample, or at every "
-        f"period of thrusters, against {100.0 * _SWING:g} % of what the actuator gives at most",
+        f"amplitude with which the torque of an axis swings by itself, with a period of "
+        f"{2 * _LAGS[0]} to {2 * _LAGS[-1]} samples, or periods of thrusters, against "
+        f"{100.0 * _SWING:g} % of what the actuator gives at most",
     )
 
 
@@ -127,38 +136,49 @@ def loop_margin(scenario: Scenario, at: float, torque: float) -> LoopMargin:
     ConfigurationError
         A parameter is infeasible, or the selected components do not fit together.
     """
-    loop, pushes = _RestingLoop(scenario, at), _SMALL * torque * np.eye(3)
-    listened = _FIRST
+    loop, share, listened = _RestingLoop(scenario, at), _SHARES[0], _FIRST
     while True:
         samples = loop.samples(listened)
-        alone = loop.answer(samples, np.zeros(3))
-        up, down = (
-            np.stack([loop.answer(samples, sign * push) for push in pushes], axis=2)
-            for sign in (1.0, -1.0)
+        pushes = (share * torque, -0.5 * share * torque)
+        rows = np.vstack([np.zeros(3), *(push * np.eye(3) for push in pushes)])
+        alone, *heard = (loop.answer(samples, row) for row in rows)
+        if not np.isfinite([alone, *heard]).all():
+            return LoopMargin(0.0, 0.0, samples * loop.sample, math.inf)
+        once, back = (  # U/D, shape (samples, 3, 3), of two sizes and signs
+            (np.stack(answers, axis=2) - alone[..., None]) / push
+            for answers, push in zip((heard[:3], heard[3:]), pushes, strict=True)
         )
-        answer = (up - down) / (2.0 * _SMALL * torque)  # U/D, shape (samples, 3, 3)
-        large = np.flatnonzero(np.abs(answer).max(axis=(1, 2)) > _FADED * np.abs(answer).max())
+        answer, unlike = (once + 2.0 * back) / 3.0, once - back
+        sizes = np.abs(answer).max(axis=(1, 2))
+        if np.abs(unlike).max() > _LINEAR * sizes.max() and share > _SHARES[-1]:
+            share = _SHARES[_SHARES.index(share) + 1]
+            continue
+        large = np.flatnonzero(sizes > _FADED * sizes.max())
         fades = int(large.max(initial=0)) + 1
+        # A mode that fades slowly, or grows, may long be far below the first answer.
+        quarters = np.array_split(answer, 4)
+        whole, before, end = (float(np.linalg.norm(each)) for each in (answer, *quarters[-2:]))
+        to_come = end / (before - end) if end < before else math.inf  # quarters as large as the end
+        unheard = float(np.abs(quarters[-1]).sum(axis=0).max()) * to_come
+        rests = fades < 0.9 * samples and (unheard < _UNHEARD or end < _ROUNDING * whole)
         listened *= 2.0
-        if fades < 0.9 * samples or listened > _LONGEST or loop.samples(listened) == samples:
+        if rests or listened > _LONGEST or loop.samples(listened) == samples:
             break
-    swing = 0.25 * float(np.abs(np.diff(alone, 2, axis=0)).max())
-    if not np.isfinite(answer).all():
-        return LoopMargin(0.0, 0.0, math.inf, swing)
+    changes = (np.abs(alone[2 * n :] - 2.0 * alone[n:-n] + alone[: -2 * n]) for n in _LAGS)
+    swing = max(0.25 * float(np.quantile(each, _USUAL, axis=0).max()) for each in changes)
     spectrum = np.fft.rfft(answer, 1 << (2 * samples - 1).bit_length(), axis=0)
     sensitivity = np.eye(3) + spectrum
-    unlike = np.abs(up + down - 2.0 * alone[..., None]).max()
-    rests = (
-        fades < 0.9 * samples
-        and unlike <= _LINEAR * np.abs(up - down).max()
+    rests = bool(
+        rests
+        and np.abs(unlike).max() <= _LINEAR * sizes.max()
         and np.linalg.norm(sensitivity[0], 2) <= _LEFT
     )
-    sizes = np.linalg.norm(sensitivity - 0.5 * np.eye(3) if rests else spectrum, 2, axis=(1, 2))
-    worst = int(sizes.argmax())
+    norms = np.linalg.norm(sensitivity - 0.5 * np.eye(3) if rests else spectrum, 2, axis=(1, 2))
+    worst = int(norms.argmax())
     return LoopMargin(
-        disk=1.0 / float(sizes[worst]) if rests else 0.0,
-        frequency=0.5 * worst / ((sizes.size - 1) * loop.sample),
-        fades=fades * loop.sample,
+        disk=1.0 / float(norms[worst]) if rests else 0.0,
+        frequency=0.5 * worst / ((norms.size - 1) * loop.sample),
+        fades=(fades if rests else samples) * loop.sample,
         swing=swing,
     )
 
@@ -181,24 +201,33 @@ class _RestingLoop:
         for start in range(0, self._first, _BLOCK):
             self._diagram.run(self._stamps(start, min(start + _BLOCK, self._first)))
         self._rest = self._diagram.snapshot()
+        self._heard = dict[tuple[float, ...], tuple[list[Array], list[NDArray[Any]]]]()
 
     def samples(self, listened: float) -> int:
         """How many answers come in a time [s]."""
-        return max(min(round(listened / self.sample), _MOST // self._steps), 3)
+        return max(min(round(listened / self.sample), _MOST // self._steps), 2 * _LAGS[-1] + 1)
 
     def answer(self, samples: int, push: Array) -> Array:
         """Torque [N·m] in each sample from a push [N·m] of one sample on, shape (samples, 3)."""
         diagram, first = self._diagram, self._first
-        diagram.put_back(self._rest)
+        heard, since = self._heard.get(tuple(push), ([], self._rest))
+        diagram.put_back(since)
         pulse = ([first / self._rate], [self.sample], push.tolist())
         pulses = zip((TIMES.name, DURATIONS.name, TORQUES.name), pulse, strict=True)
         diagram.parts[DISTURBANCES.name].configure(dict(pulses))
-        found = diagram.run(self._stamps(first, first + samples * self._steps))
-        torque = found[diagram.rows[APPLIED_TORQUE.name]]
-        return np.asarray(torque.reshape(3, samples, self._steps).mean(axis=2).T)
+        rows = diagram.rows[APPLIED_TORQUE.name]
+        end, first = first + samples * self._steps, first + sum(map(len, heard))
+        for start in range(first, end, _BLOCK):
+            stamps = self._stamps(start, min(start + _BLOCK, end))
+            heard.append(diagram.run(stamps)[rows].T.copy())  # not a view of all columns
+        self._heard[tuple(push)] = heard, diagram.snapshot()
+        torque = np.concatenate(heard)
+        return np.asarray(torque.reshape(samples, self._steps, 3).mean(axis=1))
 
     def _stamps(self, first: int, end: int) -> NDArray[np.int64]:
-        return np.array([stamp_of(k, self._rate) for k in range(first, end)], np.int64)
+        """As `stamp_of` gives them, which takes longer than a step of the loop."""
+        stamps = np.rint(np.arange(first, end) * float(NANOSECONDS) / self._rate)
+        return np.asarray(stamps, np.int64)
 
 
 def _at_rest(scenario: Scenario) -> Scenario:
