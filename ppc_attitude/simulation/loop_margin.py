@@ -29,6 +29,7 @@ Thrusters act once in a period, so for them a sample is a period, and torques ar
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -36,14 +37,15 @@ from numpy.typing import NDArray
 
 from ppc_attitude.contract.declared import parameters_in_use
 from ppc_attitude.contract.run_record import Array
-from ppc_attitude.contract.topics import INJECTOR, NODE_OF, PLANT
+from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, NODE_OF, PLANT
 from ppc_attitude.science.conditions import Condition, advisable
+from ppc_attitude.science.controllers.common import envelopes_of
 from ppc_attitude.science.disturbances.pulses import DURATIONS, TIMES, TORQUES
 from ppc_attitude.science.faults import FAULTS
 from ppc_attitude.science.kinds import DISTURBANCES, ENVIRONMENTS
 from ppc_attitude.science.plants.rigid_body import INITIAL_ATTITUDE, INITIAL_RATE
 from ppc_attitude.science.signals import APPLIED_TORQUE, REFERENCE_ATTITUDE, REFERENCE_RATE
-from ppc_attitude.science.stamps import NANOSECONDS
+from ppc_attitude.science.stamps import stamp_of
 from ppc_attitude.science.thrusters import PERIOD
 from ppc_attitude.simulation.closed_loop import first_instant
 from ppc_attitude.simulation.diagram import Diagram, selected
@@ -61,7 +63,6 @@ _LINEAR = 0.05  # share by which the answers to d and −d/2 may differ
 _LEFT = 0.5  # share of a lasting torque that the loop may leave
 _FIRST, _LONGEST, _MOST = 60.0, 3840.0, 250_000  # [s], [s] and instants of an answer
 _LAGS = (1, 2, 4)  # [samples] after which a torque that swings has the other sign
-_USUAL = 0.99  # quantile that leaves out steps of a reference that begins a slew
 _BLOCK = 4096  # instants of which the samples are not kept
 
 
@@ -100,8 +101,13 @@ class LoopMargin:
 
 
 def loop_conditions(scenario: Scenario, at: float, torque: float) -> Iterator[Condition]:
-    """Compare what the loop bears with what it should bear; parameters as of `loop_margin`."""
-    at = min(at, _LATEST)
+    """Compare what the loop bears with what it should bear, when its envelopes are at their end.
+
+    That is at a time [s] or later. Parameters are those of `loop_margin`.
+    """
+    law = scenario.parameters[CONTROLLER]
+    ends = (law[f"{each}.settling_time"] for each in envelopes_of(scenario.controller))
+    at = min(max(at, *ends, 0.0), _LATEST)
     found = loop_margin(scenario, at, torque)
     where = f"{found.frequency:.3g} Hz"
     meaning = f"disk margin: at rest, at {at:g} s and without noise, disturbance and faults, "
@@ -142,7 +148,7 @@ def loop_margin(scenario: Scenario, at: float, torque: float) -> LoopMargin:
         pushes = (share * torque, -0.5 * share * torque)
         rows = np.vstack([np.zeros(3), *(push * np.eye(3) for push in pushes)])
         alone, *heard = (loop.answer(samples, row) for row in rows)
-        if not np.isfinite([alone, *heard]).all():
+        if not all(np.isfinite(each).all() for each in (alone, *heard)):
             return LoopMargin(0.0, 0.0, samples * loop.sample, math.inf)
         once, back = (  # U/D, shape (samples, 3, 3), of two sizes and signs
             (np.stack(answers, axis=2) - alone[..., None]) / push
@@ -165,7 +171,7 @@ def loop_margin(scenario: Scenario, at: float, torque: float) -> LoopMargin:
         if rests or listened > _LONGEST or loop.samples(listened) == samples:
             break
     changes = (np.abs(alone[2 * n :] - 2.0 * alone[n:-n] + alone[: -2 * n]) for n in _LAGS)
-    swing = max(0.25 * float(np.quantile(each, _USUAL, axis=0).max()) for each in changes)
+    swing = max(0.25 * float(each.max()) for each in changes)
     spectrum = np.fft.rfft(answer, 1 << (2 * samples - 1).bit_length(), axis=0)
     sensitivity = np.eye(3) + spectrum
     rests = bool(
@@ -199,7 +205,8 @@ class _RestingLoop:
         self._first = math.ceil(at / self.sample) * self._steps
         self._diagram = Diagram(quiet.parameters)
         for start in range(0, self._first, _BLOCK):
-            self._diagram.run(self._stamps(start, min(start + _BLOCK, self._first)))
+            end = min(start + _BLOCK, self._first)
+            self._diagram.run(_stamps(start, end, self._rate))
         self._rest = self._diagram.snapshot()
         self._heard = dict[tuple[float, ...], tuple[list[Array], list[NDArray[Any]]]]()
 
@@ -218,16 +225,16 @@ class _RestingLoop:
         rows = diagram.rows[APPLIED_TORQUE.name]
         end, first = first + samples * self._steps, first + sum(map(len, heard))
         for start in range(first, end, _BLOCK):
-            stamps = self._stamps(start, min(start + _BLOCK, end))
+            stamps = _stamps(start, min(start + _BLOCK, end), self._rate)
             heard.append(diagram.run(stamps)[rows].T.copy())  # not a view of all columns
         self._heard[tuple(push)] = heard, diagram.snapshot()
         torque = np.concatenate(heard)
         return np.asarray(torque.reshape(samples, self._steps, 3).mean(axis=1))
 
-    def _stamps(self, first: int, end: int) -> NDArray[np.int64]:
-        """As `stamp_of` gives them, which takes longer than a step of the loop."""
-        stamps = np.rint(np.arange(first, end) * float(NANOSECONDS) / self._rate)
-        return np.asarray(stamps, np.int64)
+
+@lru_cache(maxsize=128)  # every answer begins with the same
+def _stamps(first: int, end: int, rate: float) -> NDArray[np.int64]:
+    return np.array([stamp_of(k, rate) for k in range(first, end)], np.int64)
 
 
 def _at_rest(scenario: Scenario) -> Scenario:
