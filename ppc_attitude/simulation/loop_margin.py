@@ -58,7 +58,7 @@ _LATEST = 3600.0  # [s] at which the loop is measured
 _SHARES = (1e-3, 1e-5, 1e-7)  # of the actuator's torque: the first that is small in the envelopes
 _FADED = 0.01  # share of the largest answer that is as good as none
 _UNHEARD = 0.05  # of S, which the rest of an answer may change
-_ROUNDING = 1e-6  # share of an answer that rounding may make
+_ROUNDING = 1e-6  # share of an answer, and of the actuator's torque, that rounding may make
 _LINEAR = 0.05  # share by which the answers to d and −d/2 may differ
 _LEFT = 0.5  # share of a lasting torque that the loop may leave
 _FIRST, _LONGEST, _MOST = 60.0, 3840.0, 250_000  # [s], [s] and instants of an answer
@@ -185,7 +185,7 @@ def loop_margin(scenario: Scenario, at: float, torque: float) -> LoopMargin:
         disk=1.0 / float(norms[worst]) if rests else 0.0,
         frequency=0.5 * worst / ((norms.size - 1) * loop.sample),
         fades=(fades if rests else samples) * loop.sample,
-        swing=swing,
+        swing=swing if swing > _ROUNDING * torque else 0.0,
     )
 
 
