@@ -30,7 +30,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,51 +142,74 @@ def loop_margin(scenario: Scenario, at: float, torque: float) -> LoopMargin:
     ConfigurationError
         A parameter is infeasible, or the selected components do not fit together.
     """
-    loop, share, listened = _RestingLoop(scenario, at), _SHARES[0], _FIRST
-    while True:
-        samples = loop.samples(listened)
-        pushes = (share * torque, -0.5 * share * torque)
-        rows = np.vstack([np.zeros(3), *(push * np.eye(3) for push in pushes)])
-        alone, *heard = (loop.answer(samples, row) for row in rows)
-        if not all(np.isfinite(each).all() for each in (alone, *heard)):
-            return LoopMargin(0.0, 0.0, samples * loop.sample, math.inf)
-        once, back = (  # U/D, shape (samples, 3, 3), of two sizes and signs
-            (np.stack(answers, axis=2) - alone[..., None]) / push
-            for answers, push in zip((heard[:3], heard[3:]), pushes, strict=True)
-        )
-        answer, unlike = (once + 2.0 * back) / 3.0, once - back
-        sizes = np.abs(answer).max(axis=(1, 2))
-        if np.abs(unlike).max() > _LINEAR * sizes.max() and share > _SHARES[-1]:
-            share = _SHARES[_SHARES.index(share) + 1]
-            continue
-        large = np.flatnonzero(sizes > _FADED * sizes.max())
-        fades = int(large.max(initial=0)) + 1
-        # A mode that fades slowly, or grows, may long be far below the first answer.
-        quarters = np.array_split(answer, 4)
-        whole, before, end = (float(np.linalg.norm(each)) for each in (answer, *quarters[-2:]))
-        to_come = end / (before - end) if end < before else math.inf  # quarters as large as the end
-        unheard = float(np.abs(quarters[-1]).sum(axis=0).max()) * to_come
-        rests = fades < 0.9 * samples and (unheard < _UNHEARD or end < _ROUNDING * whole)
-        listened *= 2.0
-        if rests or listened > _LONGEST or loop.samples(listened) == samples:
+    loop = _RestingLoop(scenario, at)
+    for share in _SHARES:
+        heard = _listened(loop, share * torque)
+        if heard.proportional:
             break
-    changes = (np.abs(alone[2 * n :] - 2.0 * alone[n:-n] + alone[: -2 * n]) for n in _LAGS)
-    swing = max(0.25 * float(each.max()) for each in changes)
-    spectrum = np.fft.rfft(answer, 1 << (2 * samples - 1).bit_length(), axis=0)
+    if not np.isfinite(heard.answer).all():
+        return LoopMargin(0.0, 0.0, heard.fades * loop.sample, math.inf)
+    samples = len(heard.answer)
+    spectrum = np.fft.rfft(heard.answer, 1 << (2 * samples - 1).bit_length(), axis=0)
     sensitivity = np.eye(3) + spectrum
-    rests = bool(
-        rests
-        and np.abs(unlike).max() <= _LINEAR * sizes.max()
-        and np.linalg.norm(sensitivity[0], 2) <= _LEFT
-    )
-    norms = np.linalg.norm(sensitivity - 0.5 * np.eye(3) if rests else spectrum, 2, axis=(1, 2))
-    worst = int(norms.argmax())
+    holds = np.linalg.norm(sensitivity[0], 2) <= _LEFT
+    known = bool(heard.proportional and heard.rests and holds)
+    sizes = np.linalg.norm(sensitivity - 0.5 * np.eye(3) if known else spectrum, 2, axis=(1, 2))
+    worst, swing = int(sizes.argmax()), _swing(heard.alone)
     return LoopMargin(
-        disk=1.0 / float(norms[worst]) if rests else 0.0,
-        frequency=0.5 * worst / ((norms.size - 1) * loop.sample),
-        fades=(fades if rests else samples) * loop.sample,
+        disk=1.0 / float(sizes[worst]) if known else 0.0,
+        frequency=0.5 * worst / ((sizes.size - 1) * loop.sample),
+        fades=(heard.fades if known else samples) * loop.sample,
         swing=swing if swing > _ROUNDING * torque else 0.0,
     )
+
+
+class _Heard(NamedTuple):
+    """What was heard of a loop."""
+
+    alone: Array  # torque without a push [N·m], shape (samples, 3)
+    answer: Array  # U/D, shape (samples, 3, 3)
+    proportional: bool  # whether the answer is the same to pushes of two sizes and signs
+    fades: int  # samples until it is small
+    rests: bool  # whether it has faded
+
+
+def _listened(loop: "_RestingLoop", push: float) -> _Heard:
+    """Push [N·m] the craft about each axis, and listen until the answer has faded."""
+    listened, pushes = _FIRST, (push, -0.5 * push)
+    while True:
+        samples = loop.samples(listened)
+        alone = loop.answer(samples, np.zeros(3))
+        once, back = (
+            np.stack([loop.answer(samples, row) - alone for row in each * np.eye(3)], axis=2) / each
+            for each in pushes
+        )
+        answer = (once + 2.0 * back) / 3.0
+        proportional = bool(np.abs(once - back).max() <= _LINEAR * np.abs(answer).max())
+        heard = _Heard(alone, answer, proportional, *_faded(answer))
+        listened *= 2.0
+        heard_all = listened > _LONGEST or loop.samples(listened) == samples
+        if heard.rests or heard_all or not proportional:
+            return heard
+
+
+def _faded(answer: Array) -> tuple[int, bool]:
+    """After how many samples an answer is small, and whether what is still to come is, too."""
+    sizes = np.abs(answer).max(axis=(1, 2))
+    large = np.flatnonzero(sizes > _FADED * sizes.max())
+    fades = int(large.max(initial=0)) + 1
+    # A mode that fades slowly, or grows, may long be far below the first answer.
+    quarters = np.array_split(answer, 4)
+    whole, before, end = (float(np.linalg.norm(each)) for each in (answer, *quarters[-2:]))
+    to_come = end / (before - end) if end < before else math.inf  # quarters as large as the end
+    unheard = float(np.abs(quarters[-1]).sum(axis=0).max()) * to_come
+    return fades, fades < 0.9 * len(answer) and (unheard < _UNHEARD or end < _ROUNDING * whole)
+
+
+def _swing(torque: Array) -> float:
+    """Amplitude [N·m] with which a torque, shape (samples, 3), changes its sign after some lag."""
+    changes = (torque[2 * n :] - 2.0 * torque[n:-n] + torque[: -2 * n] for n in _LAGS)
+    return max(0.25 * float(np.abs(each).max()) for each in changes)
 
 
 class _RestingLoop:
@@ -228,7 +251,7 @@ class _RestingLoop:
             stamps = _stamps(start, min(start + _BLOCK, end), self._rate)
             heard.append(diagram.run(stamps)[rows].T.copy())  # not a view of all columns
         self._heard[tuple(push)] = heard, diagram.snapshot()
-        torque = np.concatenate(heard)
+        torque = np.concatenate(heard)[: samples * self._steps]
         return np.asarray(torque.reshape(samples, self._steps, 3).mean(axis=1))
 
 
