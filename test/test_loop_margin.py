@@ -39,7 +39,7 @@ def swings(found: LoopMargin) -> bool:
 
 
 def linear(**values: float) -> Scenario:
-    """The paper's craft with quaternion feedback, at rest in inertial axes."""
+    """The paper's craft with quaternion feedback."""
     law = {f"quaternion_feedback.{name}": value for name, value in values.items()}
     return case(rate=10.0, min_torque=0.0).with_values(
         CONTROLLER, controller="quaternion_feedback", **law
@@ -180,6 +180,20 @@ def test_a_disturbance_estimate_that_swings_is_seen(share: float, told: bool) ->
     late = run.t > 60.0
     change = np.abs(np.diff(run["torque_command"][late], axis=0)).max()
     assert bool(change > D_m) == told
+
+
+@pytest.mark.parametrize("changed", [{"rate": 50.0}, {"late_command": True}])
+def test_a_loop_at_rest_that_would_swing_once_it_is_touched_is_seen(
+    changed: dict[str, Any],
+) -> None:
+    """At rest to the last bit nothing begins to swing; a run with the paper's start does."""
+    loop = case(min_torque=0.0, **changed).with_values(REFERENCE, amplitude=[0.0] * 3)
+    torque = simulate(loop.with_values(INJECTOR, environment="none"), 160.0)["applied_torque"]
+    amplitude = 0.5 * np.ptp(torque[-500:], axis=0).max()
+    assert amplitude > 2e-3
+    found = margin_of(loop)
+    assert found.disk == 0.0
+    assert 0.6 * amplitude < found.swing < 1.1 * amplitude
 
 
 @pytest.mark.parametrize(("D_m", "told"), [(1e-4, False), (1.14e-3, True)])

@@ -80,8 +80,8 @@ class LoopMargin:
         Time [s] after which the answer to a small torque is below 1 % of its largest value; for how
         long it was listened to if `disk` is 0.
     swing : float
-        Amplitude with which the torque of an axis swings by itself, within some samples [N·m];
-        infinite if a torque is not finite.
+        Amplitude with which the torque of an axis still swings, within some samples, long after a
+        small torque [N·m]; infinite if a torque is not finite.
     """
 
     disk: float
@@ -128,7 +128,7 @@ def loop_conditions(scenario: Scenario, at: float, torque: float) -> Iterator[Co
         found.swing,
         _SWING * torque,
         "N·m",
-        f"amplitude with which the torque of an axis swings by itself, with a period of "
+        f"amplitude with which the torque of an axis goes on swinging, with a period of "
         f"{2 * _LAGS[0]} to {2 * _LAGS[-1]} samples, or periods of thrusters, against "
         f"{100.0 * _SWING:g} % of what the actuator gives at most",
     )
@@ -142,9 +142,10 @@ def loop_margin(scenario: Scenario, at: float, torque: float) -> LoopMargin:
     ConfigurationError
         A parameter is infeasible, or the selected components do not fit together.
     """
-    loop = _RestingLoop(scenario, at)
+    loop, swing = _RestingLoop(scenario, at), 0.0
     for share in _SHARES:
         heard = _listened(loop, share * torque)
+        swing = max(swing, heard.swing)
         if heard.proportional:
             break
     if not np.isfinite(heard.answer).all():
@@ -155,7 +156,7 @@ def loop_margin(scenario: Scenario, at: float, torque: float) -> LoopMargin:
     holds = np.linalg.norm(sensitivity[0], 2) <= _LEFT
     known = bool(heard.proportional and heard.rests and holds)
     sizes = np.linalg.norm(sensitivity - 0.5 * np.eye(3) if known else spectrum, 2, axis=(1, 2))
-    worst, swing = int(sizes.argmax()), _swing(heard.alone)
+    worst = int(sizes.argmax())
     return LoopMargin(
         disk=1.0 / float(sizes[worst]) if known else 0.0,
         frequency=0.5 * worst / ((sizes.size - 1) * loop.sample),
@@ -167,7 +168,7 @@ def loop_margin(scenario: Scenario, at: float, torque: float) -> LoopMargin:
 class _Heard(NamedTuple):
     """What was heard of a loop."""
 
-    alone: Array  # torque without a push [N·m], shape (samples, 3)
+    swing: float  # amplitude [N·m] with which the torque still swings in the end
     answer: Array  # U/D, shape (samples, 3, 3)
     proportional: bool  # whether the answer is the same to pushes of two sizes and signs
     fades: int  # samples until it is small
@@ -180,13 +181,17 @@ def _listened(loop: "_RestingLoop", push: float) -> _Heard:
     while True:
         samples = loop.samples(listened)
         alone = loop.answer(samples, np.zeros(3))
-        once, back = (
-            np.stack([loop.answer(samples, row) - alone for row in each * np.eye(3)], axis=2) / each
+        pushed = [
+            np.stack([loop.answer(samples, row) for row in each * np.eye(3)], axis=2)
             for each in pushes
+        ]
+        once, back = (
+            (torque - alone[..., None]) / each for torque, each in zip(pushed, pushes, strict=True)
         )
         answer = (once + 2.0 * back) / 3.0
         proportional = bool(np.abs(once - back).max() <= _LINEAR * np.abs(answer).max())
-        heard = _Heard(alone, answer, proportional, *_faded(answer))
+        swing = _swing(pushed[0][-max(samples // 4, 2 * _LAGS[-1] + 1) :])
+        heard = _Heard(swing, answer, proportional, *_faded(answer))
         listened *= 2.0
         heard_all = listened > _LONGEST or loop.samples(listened) == samples
         if heard.rests or heard_all or not proportional:
@@ -207,7 +212,7 @@ def _faded(answer: Array) -> tuple[int, bool]:
 
 
 def _swing(torque: Array) -> float:
-    """Amplitude [N·m] with which a torque, shape (samples, 3), changes its sign after some lag."""
+    """Amplitude [N·m] with which a torque, its samples first, changes its sign after some lag."""
     changes = (torque[2 * n :] - 2.0 * torque[n:-n] + torque[: -2 * n] for n in _LAGS)
     return max(0.25 * float(np.abs(each).max()) for each in changes)
 
