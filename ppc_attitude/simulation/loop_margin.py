@@ -119,8 +119,9 @@ def loop_conditions(scenario: Scenario, at: float, torque: float) -> Iterator[Co
         )
     else:
         meaning += (
-            f"the answer to a small torque grows, has not faded after {found.fades:.3g} s, is not "
-            f"in proportion to the torque, or does not come; it is largest at {where}"
+            f"the loop swings, or the answer to a small torque grows, has not faded after "
+            f"{found.fades:.3g} s, is not in proportion to it, or does not come; it is largest at "
+            f"{where}"
         )
     yield Condition("loop margin", found.disk, LEAST, "≥", "", False, meaning)
     yield advisable(
@@ -154,7 +155,8 @@ def loop_margin(scenario: Scenario, at: float, torque: float) -> LoopMargin:
     spectrum = np.fft.rfft(heard.answer, 1 << (2 * samples - 1).bit_length(), axis=0)
     sensitivity = np.eye(3) + spectrum
     holds = np.linalg.norm(sensitivity[0], 2) <= _LEFT
-    known = bool(heard.proportional and heard.rests and holds)
+    rests = heard.rests and swing <= _SWING * torque  # else the answer is that of a swing
+    known = bool(heard.proportional and rests and holds)
     sizes = np.linalg.norm(sensitivity - 0.5 * np.eye(3) if known else spectrum, 2, axis=(1, 2))
     worst = int(sizes.argmax())
     return LoopMargin(
