@@ -20,7 +20,7 @@
 
 J is the inertia of the whole, wheels locked and appendages undeformed, and H = J ω + Σ J_s Ω_w a +
 δᵀη' its momentum (Hughes, *Spacecraft Attitude Dynamics*; Likins's hybrid coordinates, without
-terms of second order in η).
+forces on appendages, and changes of J, that are of second order in ω, η and η').
 """
 
 import math
@@ -63,7 +63,7 @@ _SMOOTH, _CROSSED = 10.0, 0.5
 FREQUENCY = at_start(
     "flexible.frequency",
     [],
-    f"frequency of each mode with the body held fast, up to {MAX_MODES} modes",
+    f"frequency of each mode while the body may move but not turn, up to {MAX_MODES} modes",
     "Hz",
     above=0.0,
 )
@@ -71,14 +71,15 @@ DAMPING = at_start("flexible.damping", [], "damping ratio of each mode", low=0.0
 COUPLING = at_start(
     "flexible.coupling",
     [],
-    "coupling δ of each mode with the body's rotation, three numbers a mode, body axes",
+    "coupling δ of each mode with the body's rotation about the craft's centre of mass, three "
+    "numbers a mode, body axes",
     "kg^½·m",
     length=-3,
 )
 PARAMETERS = (*rigid_body.COMPONENT.parameters, FREQUENCY, DAMPING, COUPLING)
 _MODES = record_type(
     ("count", np.int64),
-    ("frequency", np.float64, (MAX_MODES,)),  # Ω [rad/s] with the body held fast
+    ("frequency", np.float64, (MAX_MODES,)),  # Ω [rad/s] while the body does not turn
     ("damping", np.float64, (MAX_MODES,)),  # ζ
     ("coupling", np.float64, (MAX_MODES, 3)),  # δ [kg^½·m] body
     ("fastest", np.float64),  # [rad/s] of the craft that is free, damping included

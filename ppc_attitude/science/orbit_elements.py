@@ -35,7 +35,7 @@ _angle = partial(_of_orbit, unit="rad", low=-math.tau, high=math.tau)
 ALTITUDE = _of_orbit(
     "orbit.altitude",
     550e3,
-    "semi-major axis minus Earth's equatorial radius",
+    "semi-major axis at t = 0, osculating, minus Earth's equatorial radius",
     "m",
     low=100e3,
     high=1e9,
