@@ -205,7 +205,7 @@ class Component:
     limits : tuple of str
         Of actuators: the parameters that limit its torque; a weaker one has all of them smaller.
     quiet : mapping of str to value
-        Parameters with which it has no noise, no dead zone and no motion of its own.
+        Parameters with which it has no noise, no dead zone, no stiction and no motion of its own.
     torque : callable, optional
         Of actuators whose limits are not on axes: what `torques` gives, from parameter values.
     faults : callable

@@ -14,11 +14,11 @@
 
 """How far the closed loop is from oscillating, measured on the loop itself.
 
-Craft and reference are at rest, without noise, faults and disturbances: there the gain of a law
-with tanh is largest. A small torque d acts for one sample, and the actuator answers with the torque
-u. The torque is as large as it can be while the answers to d and −d/2 are in proportion, because
-the rounding of attitudes hides the answer to a smaller one. To first order S = I + U/D is the
-sensitivity at the craft, whatever is in the loop: law, observer, filter, delays, wheels, modes.
+Craft and reference are at rest, without noise, stiction, faults and disturbances: there the gain of
+a law with tanh is largest. A small torque d acts for one sample, and the actuator answers with the
+torque u. The torque is as large as it can be while the answers to d and −d/2 are in proportion,
+because the rounding of attitudes hides the answer to a smaller one. To first order S = I + U/D is
+the sensitivity at the craft, whatever is in the loop: law, observer, filter, delays, wheels, modes.
 The disk margin is α = 1/‖S − I/2‖∞ (Seiler, Packard and Gahinet, *An introduction to disk margins*,
 2020): the loop stays stable if the gain of every axis changes by a factor between (2 − α)/(2 + α)
 and its inverse, or the phase of every axis by up to 2 atan(α/2), each axis in its own way.
@@ -110,7 +110,8 @@ def loop_conditions(scenario: Scenario, at: float, torque: float) -> Iterator[Co
     at = min(max(at, *ends, 0.0), _LATEST)
     found = loop_margin(scenario, at, torque)
     where = f"{found.frequency:.3g} Hz"
-    meaning = f"disk margin: at rest, at {at:g} s and without noise, disturbance and faults, "
+    meaning = f"disk margin: at rest, at {at:g} s and without noise, rounding, dead zone, shortest "
+    meaning += "pulses, stiction, disturbance and faults, "
     if found.disk:
         meaning += (
             f"the loop stays stable if the gain of each axis changes by up to {found.gain:.3g} "
