@@ -31,6 +31,7 @@ POINTS = {
     "references": "turn = outside_parts:REFERENCE",
     "controllers": "share = outside_parts:LAW",
     "environments": "pushes = outside_parts:ENVIRONMENT",
+    "actuators": "held = outside_parts:ACTUATOR",
 }
 COMMAND = "import sys; from ppc_attitude.command_line.main import main; sys.exit(main())"
 Run = Callable[..., subprocess.CompletedProcess[str]]

@@ -55,8 +55,9 @@ def test_numbers_of_the_theory_are_measured(
         example["main"]()
     else:
         paper = example["load"]([PAPER])
-        for part in ("task", "along_the_run", "largest_start", "sample_times", "margins"):
+        for part in ("task", "along_the_run", "largest_start", "sample_times", "saturated"):
             example[part](paper)
+        example["margins"](paper)
         for part in ("cross_term_ratio", "hits", "benchmark"):
             example[part]()
     for line in capsys.readouterr().out.splitlines():

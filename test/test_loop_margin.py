@@ -23,7 +23,7 @@ from conftest import Ask
 from craft_helpers import case, configs
 
 from ppc_attitude.command_line.proportions import actuator_torques
-from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
+from ppc_attitude.contract.topics import ALLOCATOR, CONTROLLER, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.loop_margin import LEAST, LoopMargin, loop_margin
 from ppc_attitude.simulation.scenario import Scenario
@@ -246,6 +246,21 @@ def test_a_loop_that_swings_because_thrusters_answer_once_a_period_has_no_margin
     assert swings(margin_of(loop)) == told
     commanded = np.abs(simulate(loop, 150.0)["torque_command"][-500:])
     assert bool(commanded.max() > 1e-4) == told
+
+
+@pytest.mark.parametrize("knowledge", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("overlays", [("wheels",), ("wheels", "allocator")])
+def test_wheels_that_stand_have_the_margin_of_those_that_run(
+    knowledge: float, overlays: tuple[str, ...]
+) -> None:
+    """Of three wheels none runs by itself; with dry friction they would hardly answer at rest."""
+    loop = case(*overlays).with_values(CONTROLLER, controller="quaternion_feedback")
+    drive, axes = (ALLOCATOR if len(overlays) > 1 else PLANT), np.eye(3).ravel().tolist()
+    for node in (PLANT, drive):
+        loop = loop.with_values(node, **{"wheels.axes": axes})
+    loop = loop.with_values(drive, **{"wheels.friction_knowledge": knowledge})
+    runs = loop.with_values(PLANT, **{"wheels.initial_speed": [60.0]})
+    assert margin_of(loop).disk == pytest.approx(margin_of(runs).disk, rel=0.01)
 
 
 def test_noise_rounding_dead_zone_faults_and_hits_do_not_count() -> None:

@@ -303,3 +303,15 @@ def test_a_step_that_writes_beyond_its_column_fails(tell: Tell) -> None:
     assert raised in told.err
     told = tell(f"check {PAPER} --controller beyond_column", code=2)
     assert f"the first instant fails; the step of {raised}" in told.err
+
+
+def test_a_loop_is_measured_by_the_period_of_its_actuator(tell: Tell, tmp_path: Path) -> None:
+    """One that takes each fourth command is the ideal one of a craft with a fourth of the steps."""
+    law = "controller: quaternion_feedback, quaternion_feedback.natural_frequency: 0.7"
+    choose(tmp_path, "/**", f"{law}, quaternion_feedback.integral_time: 1e9, min_torque: 0.0")
+    margins = []
+    for rate, actuator in ((10.0, "held"), (2.5, "ideal")):
+        choose(tmp_path, "spacecraft_plant", f"rate: {rate}, actuator: {actuator}", "two.yaml")
+        told = tell(f"check {PAPER} --config own.yaml --config two.yaml --json").json["conditions"]
+        margins += [each["value"] for each in told if each["name"] == "loop margin"]
+    assert margins[0] == pytest.approx(margins[1], rel=1e-3)

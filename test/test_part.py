@@ -229,7 +229,7 @@ def test_a_number_that_is_none_is_refused_wherever_it_is_in_a_record(
 
 
 @pytest.mark.parametrize(
-    "hook", ["advice", "advices", "exact", "torque", "faults", "least_impulse", "bound"]
+    "hook", ["advice", "advices", "exact", "torque", "faults", "least_impulse", "period", "bound"]
 )
 def test_a_hook_that_raises_is_told_with_its_component(hook: str) -> None:
     ours = replace(ONE, name="ours", **{hook: lambda given: given["wheels"]})

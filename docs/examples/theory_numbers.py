@@ -44,6 +44,7 @@ from ppc_attitude.simulation.scenario import Scenario, load
 CONFIG = Path(__file__).parents[2] / "config"
 J = np.array([2.8, 2.5, 1.9])
 SETTLED = 5e-3
+HIT = {"pulse_times": [80.0], "pulse_durations": [0.1], "pulse_torques": [0.8] * 3}
 
 
 def show(name: str, value: Any, unit: str = "") -> None:
@@ -164,11 +165,20 @@ def margins(paper: Scenario) -> None:
         show(f"{name}: worst at", found.frequency, "Hz")
 
 
+def saturated(paper: Scenario) -> None:
+    """Torque of the law in saturation, in the second and in 0.3 s after the hit's begin."""
+    for rate in (100.0, 400.0, 1600.0):
+        struck = simulate(paper.with_values(PLANT, rate=rate).with_values(INJECTOR, **HIT), 81.0)
+        largest = np.abs(struck["unsaturated_torque"][struck.t >= 80.0]).max()
+        given = struck["applied_torque"][(struck.t >= 80.1) & (struck.t < 80.4)]
+        show(f"{rate:g} Hz: largest |u|", largest, "N·m")
+        show(f"{rate:g} Hz: mean of the applied torque", np.abs(given.mean(axis=0)).mean(), "N·m")
+
+
 def report(name: str, scenario: Scenario) -> None:
     """Settling, terminal error, largest rate, and recovery from 0.8 N·m x 0.1 s at 80 s."""
     record = simulate(scenario, 120.0)
-    hit = {"pulse_times": [80.0], "pulse_durations": [0.1], "pulse_torques": [0.8] * 3}
-    struck = simulate(scenario.with_values(INJECTOR, **hit), 120.0)
+    struck = simulate(scenario.with_values(INJECTOR, **HIT), 120.0)
     t, error = record.t, errors_of(record)
     rate = np.degrees(np.linalg.norm(record["angular_velocity"], axis=1)).max()
     print(
@@ -260,6 +270,7 @@ def main() -> None:
     along_the_run(paper)
     largest_start(paper)
     sample_times(paper)
+    saturated(paper)
     margins(paper)
     hits()
     benchmark()

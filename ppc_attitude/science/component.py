@@ -205,7 +205,7 @@ class Component:
     limits : tuple of str
         Of actuators: the parameters that limit its torque; a weaker one has all of them smaller.
     quiet : mapping of str to value
-        Parameters with which it has no noise, no dead zone and no motion of its own.
+        Parameters with which it has no noise, no dead zone, no stiction and no motion of its own.
     torque : callable, optional
         Of actuators whose limits are not on axes: what `torques` gives, from parameter values.
     faults : callable
@@ -214,6 +214,9 @@ class Component:
     least_impulse : callable, optional
         Of actuators that act in pulses: from parameter values to the angular impulse [N·m·s] of
         each part's shortest pulse, body, shape (n, 3).
+    period : callable
+        Of actuators that act in pulses: from parameter values to the time [s] from the beginning of
+        a pulse to that of the next; 0 if it acts in each step.
     bound : callable, optional
         Of environments: from parameter values to the bound of the torque's norm [N·m].
     motion_bounds : callable, optional
@@ -241,6 +244,7 @@ class Component:
     torque: Callable[[Mapping[str, Any]], tuple[float, float]] | None = None
     faults: Callable[[Mapping[str, Any]], Mapping[str, tuple[Any, ...]]] = lambda _: {}
     least_impulse: Callable[[Mapping[str, Any]], NDArray[np.float64]] | None = None
+    period: Callable[[Mapping[str, Any]], float] = lambda _: 0.0
     bound: Callable[[Mapping[str, Any]], float] | None = None
     motion_bounds: Callable[[Mapping[str, Any], float], tuple[float, float, float]] | None = None
     conditions: Callable[[Mapping[str, Any], Task], Iterable[Condition]] = lambda *_: ()

@@ -110,6 +110,7 @@ HOOKS: dict[str, Callable[[Any], Any]] = {
     "torque": _sizes,
     "faults": _parts,
     "least_impulse": _impulses,
+    "period": _size,
     "bound": _size,
     "motion_bounds": _bounds_of_motion,
     "conditions": _conditions,

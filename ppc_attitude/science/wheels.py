@@ -88,6 +88,8 @@ _EACH = (
     TRANSITION_SPEED,
 )
 PARAMETERS = (AXES, *_EACH)
+QUIET = {COULOMB.name: [0.0], STATIC.name: [0.0]}
+"""Parameters with which no wheel sticks: at rest wheels answer as those that run."""
 WHEELS = record_type(
     ("count", np.int64),
     ("h", np.float64),  # [s] of a step

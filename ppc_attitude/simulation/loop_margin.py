@@ -14,16 +14,17 @@
 
 """How far the closed loop is from oscillating, measured on the loop itself.
 
-Craft and reference are at rest, without noise, faults and disturbances: there the gain of a law
-with tanh is largest. A small torque d acts for one sample, and the actuator answers with the torque
-u. The torque is as large as it can be while the answers to d and −d/2 are in proportion, because
-the rounding of attitudes hides the answer to a smaller one. To first order S = I + U/D is the
-sensitivity at the craft, whatever is in the loop: law, observer, filter, delays, wheels, modes.
+Craft and reference are at rest, without noise, stiction, faults and disturbances: there the gain of
+a law with tanh is largest. A small torque d acts for one sample, and the actuator answers with the
+torque u. The torque is as large as it can be while the answers to d and −d/2 are in proportion,
+because the rounding of attitudes hides the answer to a smaller one. To first order S = I + U/D is
+the sensitivity at the craft, whatever is in the loop: law, observer, filter, delays, wheels, modes.
 The disk margin is α = 1/‖S − I/2‖∞ (Seiler, Packard and Gahinet, *An introduction to disk margins*,
 2020): the loop stays stable if the gain of every axis changes by a factor between (2 − α)/(2 + α)
 and its inverse, or the phase of every axis by up to 2 atan(α/2), each axis in its own way.
 
-Thrusters act once in a period, so for them a sample is a period, and torques are its means.
+For an actuator that acts in pulses, once in a period, a sample is a period, and torques are its
+means.
 """
 
 import math
@@ -42,11 +43,10 @@ from ppc_attitude.science.conditions import Condition, advisable
 from ppc_attitude.science.controllers.common import envelopes_of
 from ppc_attitude.science.disturbances.pulses import DURATIONS, TIMES, TORQUES
 from ppc_attitude.science.faults import FAULTS
-from ppc_attitude.science.kinds import DISTURBANCES, ENVIRONMENTS
+from ppc_attitude.science.kinds import ACTUATORS, DISTURBANCES, ENVIRONMENTS
 from ppc_attitude.science.plants.rigid_body import INITIAL_ATTITUDE, INITIAL_RATE
 from ppc_attitude.science.signals import APPLIED_TORQUE, REFERENCE_ATTITUDE, REFERENCE_RATE
 from ppc_attitude.science.stamps import stamp_of
-from ppc_attitude.science.thrusters import PERIOD
 from ppc_attitude.simulation.closed_loop import first_instant
 from ppc_attitude.simulation.diagram import Diagram, selected
 from ppc_attitude.simulation.scenario import Scenario
@@ -110,7 +110,8 @@ def loop_conditions(scenario: Scenario, at: float, torque: float) -> Iterator[Co
     at = min(max(at, *ends, 0.0), _LATEST)
     found = loop_margin(scenario, at, torque)
     where = f"{found.frequency:.3g} Hz"
-    meaning = f"disk margin: at rest, at {at:g} s and without noise, disturbance and faults, "
+    meaning = f"disk margin: at rest, at {at:g} s and without noise, rounding, dead zone, shortest "
+    meaning += "pulses, stiction, disturbance and faults, "
     if found.disk:
         meaning += (
             f"the loop stays stable if the gain of each axis changes by up to {found.gain:.3g} "
@@ -228,9 +229,9 @@ class _RestingLoop:
     def __init__(self, scenario: Scenario, at: float) -> None:
         quiet = _at_rest(scenario)
         self._rate, plant = quiet.number(PLANT, "rate"), quiet.parameters[PLANT]
-        self._steps = 1  # of a sample
-        if PERIOD.name in parameters_in_use(PLANT, plant):
-            self._steps = round(plant[PERIOD.name] * self._rate)
+        actuator = ACTUATORS.selected(plant)
+        period = actuator.period(plant) if actuator else 0.0
+        self._steps = max(round(min(period * self._rate, _MOST)), 1)  # of a sample
         self.sample = self._steps / self._rate
         self._first = math.ceil(at / self.sample) * self._steps
         self._diagram = Diagram(quiet.parameters)

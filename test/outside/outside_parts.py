@@ -15,7 +15,8 @@
 """Parts of a craft in a package of somebody else's: nothing of ours names them.
 
 A plant with a state of its own (a fluid ring about each axis), sensors, an estimator, a reference,
-a law with one more output than ours have, and an environment that pushes by steps.
+a law with one more output than ours have, an environment that pushes by steps, and an actuator that
+takes a command now and then.
 """
 
 import math
@@ -58,6 +59,7 @@ from ppc_attitude.science.signals import (
     DISTURBANCE,
     ENVIRONMENT_TORQUE,
     TOLD,
+    TORQUE_COMMAND,
     TRUTH,
 )
 from ppc_attitude.science.stamps import seconds
@@ -289,4 +291,33 @@ ENVIRONMENT = Component(
     outputs=(ENVIRONMENT_TORQUE,),
     step=step_environment,
     bound=lambda values: float(values["push.torque"]),
+)
+
+
+# Actuator: takes a command now and then, and gives its torque until the next one.
+HELD = Parameter("held.period", 0.4, "time from a command to the next", "s", low=0.1, high=10.0)
+ACTUATOR_STATE = np.dtype([("begun", np.int64), ("torque", np.float64, (3,))], align=True)
+
+
+@kernel
+def step_actuator(inputs: Any, state: Any, held: Any, outputs: Any) -> None:
+    """Take a command if its time has come."""
+    if inputs.stamp_ns // held.period_ns + 1 != state.begun:
+        state.begun = inputs.stamp_ns // held.period_ns + 1
+        store(state.torque, vector(inputs.torque_command))
+    store(outputs.applied_torque, vector(state.torque))
+
+
+ACTUATOR = Component(
+    name="held",
+    parameters=(HELD,),
+    configure=lambda values: np.array(
+        (round(values["held.period"] * 1e9),), [("period_ns", np.int64)]
+    )[()],
+    configuration=np.dtype([("period_ns", np.int64)]),
+    state=ACTUATOR_STATE,
+    inputs=(TORQUE_COMMAND,),
+    outputs=(APPLIED_TORQUE,),
+    step=step_actuator,
+    period=lambda values: float(values["held.period"]),
 )

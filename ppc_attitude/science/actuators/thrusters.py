@@ -154,5 +154,6 @@ COMPONENT = Component(
     quiet={thrusters.MIN_ON_TIME.name: 0.0},
     torque=torques,
     least_impulse=least_impulse,
+    period=lambda values: float(values[thrusters.PERIOD.name]),
     faults=parts_of,
 )

@@ -312,5 +312,6 @@ COMPONENT = Component(
     step=step,
     advice=advice,
     advices=lambda state: int(state["news"]),
+    quiet=wheels.QUIET,
     faults=wheels.parts_of,
 )

@@ -43,4 +43,5 @@ COMPONENT = Component(
     inputs=(wheels.TORQUE, DISTURBANCE),
     outputs=(*TRUTH, wheels.SPEED),
     step=step,
+    quiet=wheels.QUIET,
 )
