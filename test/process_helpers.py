@@ -16,6 +16,7 @@
 
 import os
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -140,6 +141,17 @@ class Node(Process):
         code = f"import sys; from ppc_attitude.nodes.executables import {name}; sys.exit({name}())"
         command = [*before, sys.executable, "-c", code, *arguments]  # as `ros2 run` begins it
         super().__init__(start_process, folder, f"{name}{mark}", command, **popen)
+
+
+@contextmanager
+def room_for(size: int) -> Iterator[None]:
+    """Let no file of this process grow beyond some bytes, as on a full disk."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 @contextmanager

@@ -14,11 +14,14 @@
 
 """The recorder beside others: what they offer, what it asks them, and what they ask it."""
 
+import gc
 import json
+import os
 import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from errno import ENOSPC
 from pathlib import Path
 
 import pytest
@@ -28,7 +31,7 @@ from conftest import StartProcess
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Quaternion, QuaternionStamped
 from peer import Beside, living, peer
-from process_helpers import Node, end_all, until
+from process_helpers import Node, end_all, node_here, until
 from rcl_interfaces.srv import ListParameters
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -134,6 +137,18 @@ def test_a_time_that_goes_back_and_not_to_zero_is_told_at_the_end(
     told = "4 messages of /attitude are not judged: their stamps are not later than an earlier one"
     assert told in capfd.readouterr().err
     assert read_run(tmp_path / "bag").stamps_ns.size == 4
+
+
+def test_a_recorder_without_room_for_a_bag_was_configured_well(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise BagError("no room") from OSError(ENOSPC, os.strerror(ENOSPC))
+
+    monkeypatch.setattr("ppc_attitude.nodes.bag_recorder.BagWriter", full)
+    with node_here(RECORDER) as (main, _):
+        assert main() == BROKEN
+    gc.collect()  # what was made of the node
 
 
 def test_a_recorder_ends_although_its_stack_runs_on(tmp_path: Path) -> None:

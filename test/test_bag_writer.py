@@ -26,7 +26,7 @@ import numpy as np
 import pytest
 from bag_helpers import assert_same, messages, record_all
 from conftest import StartProcess
-from process_helpers import until
+from process_helpers import room_for, until
 from synthetic import normal_run
 
 from ppc_attitude.bags.errors import BagError
@@ -162,6 +162,12 @@ def test_a_folder_or_a_file_that_goes_ends_the_bag_at_once(
     for doing in (bag.flush, partial(bag.__exit__, None)):
         with pytest.raises(BagError, match="any further: its folder or a file of it was moved"):
             doing()
+
+
+def test_a_bag_that_cannot_be_made_leaves_nothing_in_the_way(tmp_path: Path, storage: str) -> None:
+    with room_for(10), pytest.raises(BagError, match="bag cannot be made: "):
+        BagWriter(tmp_path / "bag", storage=storage)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_full_disk_is_named_and_leaves_a_readable_bag(

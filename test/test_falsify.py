@@ -28,7 +28,7 @@ import pytest
 from conftest import Ask
 from craft_helpers import configs
 from docs_helpers import described
-from process_helpers import PAPER
+from process_helpers import PAPER, room_for
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.campaign.declaration import campaign
@@ -101,6 +101,15 @@ def test_an_interrupted_search_goes_on_to_the_same_result(
     assert resumed.value == whole.value
     assert np.array_equal(resumed.x, whole.x)
     assert file.read_text() == (tmp_path / "whole" / HISTORY).read_text()
+
+
+def test_a_history_for_which_there_is_no_room_is_named_and_the_search_goes_on(
+    tmp_path: Path,
+) -> None:
+    space = space_of(duration=2.0)
+    with room_for(100), pytest.raises(OSError, match=f"File too large: '{tmp_path / HISTORY}'"):
+        search(space, tmp_path, 20)
+    assert search(space, tmp_path, 20).runs >= 20
 
 
 def test_a_folder_of_another_search_is_refused(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ end: so a reader can tell a cut recording from a complete one.
 import contextlib
 import errno
 import os
+import shutil
 import sqlite3
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -104,6 +105,7 @@ class BagWriter:
         except WriterError as error:
             raise BagError(f"bag {self.path}: {error}") from error
         except (OSError, sqlite3.Error) as error:
+            shutil.rmtree(self.path, ignore_errors=True)  # it was made here, and is in the way
             raise BagError(f"bag {self.path} cannot be made: {_reason(error)}") from error
         self._closed = threading.Event()
         self._clock = threading.Thread(target=self._flush_regularly, name="bag", daemon=True)

@@ -20,7 +20,7 @@ from pathlib import Path
 from ppc_attitude.campaign.declaration import Campaign
 from ppc_attitude.campaign.quantile_bands import EDGES, QUANTITIES, QuantileBands
 from ppc_attitude.campaign.rows import Row, row_types
-from ppc_attitude.contract.whole_file import unfinished_of, whole_file
+from ppc_attitude.contract.whole_file import naming, unfinished_of, whole_file
 from ppc_attitude.science.errors import ConfigurationError, needed_by
 
 RUNS_FILE, FAN_FILE = "runs.parquet", "error_over_time.parquet"
@@ -82,7 +82,8 @@ class Results:
     def _flush(self) -> None:
         table = self._arrow.Table.from_pylist(self._rows, schema=self._schema)
         self._whole = False
-        self._writer.write_table(table, row_group_size=BATCH)
+        with naming(self._unfinished):
+            self._writer.write_table(table, row_group_size=BATCH)
         self._whole = True
         self._rows.clear()
 
@@ -104,10 +105,14 @@ class Results:
 
     def close(self) -> None:
         """Write what is there, also when the campaign was cut short."""
-        if not self._whole:
-            return
-        if self._rows:
-            self._flush()
-        self._writer.close()
-        self._unfinished.replace(self._folder / RUNS_FILE)
+        try:
+            if not self._whole:
+                return
+            if self._rows:
+                self._flush()
+            with naming(self._unfinished):
+                self._writer.close()
+            self._unfinished.replace(self._folder / RUNS_FILE)
+        finally:
+            self._unfinished.unlink(missing_ok=True)  # nobody can read it without its end
         self._write_bands()

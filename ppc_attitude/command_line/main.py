@@ -23,7 +23,6 @@ import signal
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from errno import EDQUOT, EFBIG, ENOSPC
 from importlib import import_module
 from typing import Any, NoReturn
 
@@ -32,7 +31,7 @@ from ppc_attitude.bags.errors import printable
 from ppc_attitude.command_line.stopping import asked, end_at_once, interrupt, say_interrupted
 from ppc_attitude.command_line.streams import give_up_output, prepare_streams
 from ppc_attitude.processes.child import handle_ending, take_signals
-from ppc_attitude.processes.exits import BAD_INPUT, BROKEN, DONE, RunError
+from ppc_attitude.processes.exits import BAD_INPUT, BROKEN, DONE, RunError, is_full
 from ppc_attitude.processes.imports import forget_current_folder
 
 COMMANDS = (
@@ -134,7 +133,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ValueError as error:
         # Configuration, bag and analysis errors are ValueErrors that name what is wrong.
         print(f"error: {printable(str(error))}", file=sys.stderr)
-        return BROKEN if _is_full(error.__cause__) else BAD_INPUT
+        return BROKEN if is_full(error.__cause__) else BAD_INPUT
     except ModuleNotFoundError as error:
         if (error.name or "").startswith("ppc_attitude"):
             raise
@@ -148,18 +147,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         print(f"error: {where}{error.strerror or error}", file=sys.stderr)
-        return BAD_INPUT if error.filename and not _is_full(error) else BROKEN
+        return BAD_INPUT if error.filename and not is_full(error) else BROKEN
     except (KeyboardInterrupt, Exception) as error:
         # A compiler that is interrupted fails with an error of its own.
         if not isinstance(error, KeyboardInterrupt) and not asked:
             raise
         print("interrupted", file=sys.stderr)
         return BROKEN
-
-
-def _is_full(error: BaseException | None) -> bool:
-    """Whether there was no room for a file, which is no mistake of the input."""
-    return isinstance(error, OSError) and error.errno in (ENOSPC, EFBIG, EDQUOT)
 
 
 def run() -> None:

@@ -29,11 +29,21 @@ def unfinished_of(path: Path, others: int = 0) -> Path:
 
 
 @contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Give an OSError the name of its file, which it lacks if the disk is full."""
+    try:
+        yield
+    except OSError as error:
+        error.filename = error.filename or str(path)
+        raise
+
+
+@contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
     """File to write, beside its place while it grows, in a folder that is made if there is none.
 
     No step follows a link or deletes another's file, such as that of a process that writes the same
-    one. An OSError gets the name of the file, which it lacks if the disk is full.
+    one.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     for others in count():  # up to the first place that is free
@@ -42,13 +52,11 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
             opened = unfinished.open("xb")
             break
     try:
-        with opened as file:
+        with naming(path), opened as file:
             yield file
         unfinished.replace(path)
-    except BaseException as error:
+    except BaseException:
         unfinished.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            error.filename = error.filename or str(path)
         raise
 
 

@@ -27,11 +27,12 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
 from ppc_attitude.contract.run_record import Array
+from ppc_attitude.contract.whole_file import naming
 from ppc_attitude.contract.yaml_file import parsed_json
 from ppc_attitude.falsify.goals import Goal
 from ppc_attitude.falsify.space import Space
@@ -79,15 +80,15 @@ class Search:
         self._digest = hashlib.sha256(identity.encode()).hexdigest()
 
     @contextmanager
-    def _locked(self) -> Iterator[IO[str]]:
-        """File of the answers, to append to; two searches at once would mix theirs."""
+    def _locked(self) -> Iterator[None]:
+        """Keep the file of the answers to this search; two at once would mix theirs."""
         with self._file.open("a", encoding="utf-8") as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 told = f"another search uses {self._file.parent}; allowed: an unused folder"
                 raise ConfigurationError(told) from None
-            yield file
+            yield
 
     def _read(self) -> list[list[float]]:
         """Answers of earlier sessions; of a line that was cut, none."""
@@ -142,7 +143,7 @@ class Search:
                     return None
             return [each.result() for each in flights]
 
-        with self._locked() as file:
+        with self._locked():
             known = self._read()
             answers = iter(known)
             for strategy, questions in self._generations():
@@ -155,8 +156,8 @@ class Search:
                         return
                     if (values := flown(questions)) is None:
                         return
-                    file.write(json.dumps(values) + "\n")
-                    file.flush()
+                    with naming(self._file), self._file.open("a", encoding="utf-8") as file:
+                        file.write(json.dumps(values) + "\n")
                 if len(values) != len(questions):
                     told = f"a generation of {len(values)} runs; allowed: {len(questions)}"
                     raise ConfigurationError(f"{self._file} has {told}")

@@ -112,7 +112,7 @@ class BagRecorder(BaseNode):
                 self._path, storage=self.parameters["storage"], custom_data=self._custom_data()
             )
         except BagError as error:
-            raise ConfigurationError(str(error)) from None
+            raise ConfigurationError(str(error)) from error.__cause__
         self._flow, self._executor = Flow(), SingleThreadedExecutor()
         self._heard_at = 0.0  # time of the last look that found any message
         self._about: Mapping[str, Any] = {}  # what rclpy says about the last message

@@ -34,7 +34,7 @@ from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.nodes.discovery import tune_transport
 from ppc_attitude.processes.child import handle_ending, take_signals
-from ppc_attitude.processes.exits import BAD_INPUT, BROKEN, DONE
+from ppc_attitude.processes.exits import BAD_INPUT, BROKEN, DONE, is_full
 from ppc_attitude.processes.leaving import leaving
 from ppc_attitude.processes.telling import tell_broken
 from ppc_attitude.science.errors import ConfigurationError
@@ -60,7 +60,7 @@ def run_node(make: type[BaseNode], arguments: Sequence[str] | None = None) -> in
     Returns
     -------
     int
-        Exit code: 0 done, 2 bad configuration, 3 the node broke.
+        Exit code: 0 done, 2 bad configuration, 3 the node broke or had no room for a file.
     """
     stop = stop_requests()
     command_line = list(arguments or sys.argv)
@@ -143,7 +143,7 @@ def _refused(error: Exception) -> int:
     reason = " ".join(str(error).split())
     tell_broken(reason)
     print(f"error: {reason}", file=sys.stderr)
-    return BAD_INPUT
+    return BROKEN if is_full(error.__cause__) else BAD_INPUT
 
 
 def _spin(node: BaseNode, stop: list[int]) -> None:

@@ -14,6 +14,8 @@
 
 """Exit codes of the command and of every node, and the error that means one of them."""
 
+from errno import EDQUOT, EFBIG, ENOSPC
+
 DONE = 0
 REQUIREMENT_FAILED = 1
 BAD_INPUT = 2
@@ -22,3 +24,8 @@ BROKEN = 3
 
 class RunError(RuntimeError):
     """The run broke; exit code 3."""
+
+
+def is_full(error: BaseException | None) -> bool:
+    """Whether there was no room for a file, which is no mistake of the input."""
+    return isinstance(error, OSError) and error.errno in (ENOSPC, EFBIG, EDQUOT)
