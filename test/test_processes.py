@@ -101,6 +101,21 @@ def test_a_compiler_looks_for_no_settings_in_the_current_folder(tmp_path: Path) 
     assert "elsewhere" not in ran(command, cwd=tmp_path).stdout
 
 
+@pytest.mark.parametrize("loss", ["chmod 0", "rmdir"])
+def test_a_command_needs_no_folder_to_stand_in(loss: str, tmp_path: Path) -> None:
+    """Nor is that folder entered by who runs as another user where root stands."""
+    bounded = ["setpriv", "--bounding-set=-all", "--inh-caps=-all"] if os.geteuid() == 0 else []
+    command = ["bash", "-c", f'{loss} "$PWD"; exec "$@"', "bash", *bounded, COMMAND]
+    (tmp_path / "stand").mkdir()
+    ran([*command, "check", "--config", str(PAPER)], cwd=tmp_path / "stand")
+
+
+def test_a_current_folder_that_is_gone_is_named(tmp_path: Path) -> None:
+    command = ["bash", "-c", 'rmdir "$PWD"; exec "$@"', "bash", COMMAND, *CALLS["simulate"]]
+    done = ran([*command, "--bag", "bag"], code=2, cwd=tmp_path)
+    assert done.stderr == "error: .: No such file or directory\n"
+
+
 BY_NAME = [sys.executable, "-m", "ppc_attitude.command_line.main"]
 
 

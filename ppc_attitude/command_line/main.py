@@ -145,9 +145,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         raise
     except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
+        # What is missing and has no name is the current folder, which somebody has removed.
+        name = error.filename or ("." if isinstance(error, FileNotFoundError) else "")
+        where = f"{name}: " if name else ""
         print(f"error: {where}{error.strerror or error}", file=sys.stderr)
-        return BAD_INPUT if error.filename and not is_full(error) else BROKEN
+        return BAD_INPUT if name and not is_full(error) else BROKEN
     except (KeyboardInterrupt, Exception) as error:
         # A compiler that is interrupted fails with an error of its own.
         if not isinstance(error, KeyboardInterrupt) and not asked:

@@ -34,7 +34,11 @@ _SEARCHED = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH")
 
 
 def _execute_elsewhere(execute: Callable[[ModuleType], None], module: ModuleType) -> None:
-    here = os.open(".", getattr(os, "O_PATH", os.O_RDONLY))
+    try:
+        here = os.open(".", getattr(os, "O_PATH", os.O_RDONLY))
+    except PermissionError:  # this user may not enter it, and reads nothing there
+        execute(module)
+        return
     try:
         os.chdir(os.sep)
         execute(module)
