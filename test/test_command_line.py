@@ -105,6 +105,7 @@ def mistakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text)
     (tmp_path / "empty").mkdir()
+    (tmp_path / "link").symlink_to("nowhere")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -123,6 +124,8 @@ WRONG = [
     ("run --controller pid", "pid"),
     ("run --bag taken", "taken exists already"),
     ("run --bag a_file/bag", "a_file is no folder"),
+    ("simulate --bag link", "link is no folder"),
+    ("analyse taken --report link/page.html", "link is no folder"),
     ("run --report taken", "taken is a folder"),
     ("simulate --report ''", "the path is empty"),
     ("simulate --bag taken", "taken exists already"),

@@ -106,7 +106,7 @@ def some_path(text: str) -> Path:
 def _see_that_it_is_writable(text: str, folder: Path) -> None:
     """See that files can be written into a folder, or that it can be made."""
     folder = folder.absolute()
-    home = next(each for each in (folder, *folder.parents) if each.exists())
+    home = next(each for each in (folder, *folder.parents) if os.path.lexists(each))
     if not home.is_dir():
         raise argparse.ArgumentTypeError(f"{text}: {home} is no folder")
     if not os.access(home, os.W_OK | os.X_OK):
