@@ -24,11 +24,11 @@ from typing import Any
 
 import pytest
 from conftest import StartProcess
-from process_helpers import PAPER, PATIENCE, pause, ran, until
+from process_helpers import PAPER, PATIENCE, Node, pause, ran, until
 
 import ppc_attitude.processes.child
 from ppc_attitude.bags.reader import read_run
-from ppc_attitude.contract.topics import INJECTOR
+from ppc_attitude.contract.topics import INJECTOR, PLANT
 from ppc_attitude.processes.child import Child, starved
 from ppc_attitude.processes.copied import Copy
 from ppc_attitude.processes.telling import AT, BROKEN
@@ -335,6 +335,13 @@ def test_all_that_a_process_says_is_heard_and_nothing_stays_open(tmp_path: Path)
     assert "".join(said) == 100_000 * "caf\ufffd "
     del child
     assert len(list(files.iterdir())) <= before  # what others had open may be closed meanwhile
+
+
+@pytest.mark.ros
+def test_a_node_needs_no_outlets(tmp_path: Path, start_process: StartProcess) -> None:
+    closed = ("bash", "-c", 'exec "$@" <&- >&- 2>&-', "bash")
+    plant = Node(start_process, tmp_path, PLANT, "duration:=0.1", before=closed)
+    assert plant.ends() == 0
 
 
 def test_a_node_that_is_slow_to_begin_ends_when_it_is_asked_to(tmp_path: Path) -> None:

@@ -29,10 +29,10 @@ from typing import Any, NoReturn
 from ppc_attitude import __version__
 from ppc_attitude.bags.errors import printable
 from ppc_attitude.command_line.stopping import asked, end_at_once, interrupt, say_interrupted
-from ppc_attitude.command_line.streams import give_up_output, prepare_streams
 from ppc_attitude.processes.child import handle_ending, take_signals
 from ppc_attitude.processes.exits import BAD_INPUT, BROKEN, DONE, RunError, is_full
 from ppc_attitude.processes.imports import forget_current_folder
+from ppc_attitude.processes.streams import give_up_output, prepare_streams
 
 COMMANDS = (
     *("run", "simulate", "analyse", "compare", "sweep", "check", "design", "falsify", "campaign"),

@@ -24,12 +24,14 @@ from importlib import import_module
 
 from ppc_attitude.processes.child import end_at_once
 from ppc_attitude.processes.imports import forget_current_folder
+from ppc_attitude.processes.streams import prepare_streams
 
 
 def _run(node: str) -> int:
     """Run a node and return its exit code."""
     end_at_once()
     forget_current_folder()
+    prepare_streams()
     code: int = import_module(f"ppc_attitude.nodes.{node}").main()
     return code
 
