@@ -166,6 +166,21 @@ def test_wheels_that_give_less_than_the_law_may_ask_for_are_warned_of() -> None:
     assert not any(name.startswith("min_torque") for name in conditions(weak))
 
 
+def test_a_wheel_whose_loss_leaves_a_plane_is_warned_of(ask: Ask, tmp_path: Path) -> None:
+    given = configs("paper", "wheels", "faults")
+    three = told_by_check(ask, *given)["torque with faults"]
+    assert three["holds"]
+    assert three["value"] == pytest.approx(0.05 / math.sqrt(3.0))
+    text = "/**/spacecraft_plant: {ros__parameters: {faults: [wheel/0 seized from 5 for 9, "
+    text += "wheel/1 stuck 0 from 7, wheel/2 drag 2]}}"
+    (tmp_path / "two.yaml").write_text(text, encoding="utf-8")
+    for more in ((), configs("allocator")):
+        plane = told_by_check(ask, *given, tmp_path / "two.yaml", *more)["torque with faults"]
+        assert not plane["holds"]
+        assert plane["value"] == 0.0
+    assert "torque with faults" not in told_by_check(ask, *given[:2])
+
+
 def test_a_rate_envelope_that_single_pulses_leave_is_warned_of() -> None:
     wide = load(configs("thrusters"))
     assert not warned(wide)

@@ -325,10 +325,24 @@ def test_the_wheel_that_is_full_first_is_warned_of() -> None:
     (sooner,) = speed_of_a_wheel(case("wheels").with_values(PLANT, **spun))
     assert sooner.value > short.value
     endless = case("wheels", duration=0.0)
-    for fine in (case(), endless, case("wheels", "orbit", "unloading", duration=1e6)):
+    for fine in (case(), endless):
         assert not speed_of_a_wheel(fine)
-    off = {"magnetorquers.law": "off", "duration": 1e4}
     hasty = {"wheels.null_gain": 1.0, "duration": 2e4}  # a step of the sum is of 10 s
     (idle,) = speed_of_a_wheel(case("wheels", "orbit").with_values(PLANT, **hasty))
     assert idle.value < 0.3
-    assert speed_of_a_wheel(case("wheels", "orbit", "unloading").with_values(PLANT, **off))
+
+
+def test_magnetorquers_take_up_what_the_environment_adds_and_no_tumble() -> None:
+    unloaded = case("wheels", "orbit", "unloading", duration=1e5)
+    (fine,) = speed_of_a_wheel(unloaded)
+    (lone,) = speed_of_a_wheel(unloaded.with_values(PLANT, **{"magnetorquers.law": "off"}))
+    assert fine.value < 0.3 < lone.value
+    fast = unloaded.with_values(PLANT, initial_angular_velocity=[0.3, 0.2, 0.0])
+    (full,) = speed_of_a_wheel(fast)
+    assert not full.holds
+    assert full.meaning.endswith(
+        "without unloading, if the craft follows its reference; a wheel "
+        "exceeds the limit from 0 s on"
+    )
+    speeds = simulate(fast, 60.0)["wheel_speed"]
+    assert np.abs(speeds).max() > 0.99 * 628.3

@@ -26,7 +26,11 @@ from itertools import chain
 from typing import Any
 
 from ppc_attitude.analysis.requirements import load_requirements
-from ppc_attitude.command_line.environment_load import environment_torque, wheel_conditions
+from ppc_attitude.command_line.environment_load import (
+    environment_torque,
+    loss_conditions,
+    wheel_conditions,
+)
 from ppc_attitude.command_line.guarantee_view import Judgement
 from ppc_attitude.command_line.options import (
     POSITIVE,
@@ -127,6 +131,7 @@ def execute(arguments: argparse.Namespace) -> int:
     surroundings, reference = parts[ENVIRONMENTS.name], parts[REFERENCES.name]
     environment = stoppable(lambda: environment_torque(scenario, surroundings))
     wheels = stoppable(lambda: [*wheel_conditions(scenario, reference, surroundings)])
+    wheels += loss_conditions(scenario, environment)
     goals, (_, torque) = goals_told(scenario), actuator_torques(scenario)
     deadline = required.settling_deadline
     conditions = (
