@@ -156,6 +156,11 @@ def test_a_dead_zone_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:
     assert warned(coarser) == {"min_torque", "min_torque in ρ_ω"}
 
 
+def test_a_disturbance_beyond_the_torque_is_warned_of(cubesat: Scenario) -> None:
+    """The loop of the paper's law then swings, whatever its other gains."""
+    assert "D_m" in warned(cubesat.with_values(CONTROLLER, D_m=4.57e-3))
+
+
 def test_wheels_that_give_less_than_the_law_may_ask_for_are_warned_of() -> None:
     enough = load(configs("wheels"))
     assert not warned(enough)
