@@ -301,6 +301,18 @@ def test_a_goal_that_will_be_refused_is_no_good_configuration(tmp_path: Path, as
     assert "refused goals  1 ≤ 0  VIOLATED" in ask("check", "--config", file, code=1).out
 
 
+def test_a_run_that_ends_before_its_last_goal_is_reached_is_warned_of(
+    tmp_path: Path, ask: Ask
+) -> None:
+    goals = {"times": [1.0, 20.0], "attitudes": [0, 0, 0, 1, 1, 0, 0, 0]}
+    file = overlay(tmp_path / "goals.yaml", {REFERENCE: {"mode": "goal", "goals": goals}})
+    for duration, enough in ((110.0, False), (120.0, True)):
+        run = overlay(tmp_path / f"{duration}.yaml", {PLANT: {"duration": duration}})
+        reached = told_by_check(ask, *configs("paper"), file, run)["last arrival"]
+        assert reached["value"] == pytest.approx(119.4, abs=0.1)
+        assert reached["holds"] == enough
+
+
 def test_a_start_without_a_fix_is_checked_by_the_truth(tmp_path: Path, ask: Ask) -> None:
     late = overlay(tmp_path / "late.yaml", {"/**": {"initial_fix": False}})
     files = [*configs("paper", "sensors_smallsat"), late]

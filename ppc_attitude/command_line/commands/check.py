@@ -54,7 +54,7 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
 from ppc_attitude.science.attitude import attitude_error, rotation_angle
-from ppc_attitude.science.conditions import Condition
+from ppc_attitude.science.conditions import Condition, advisable
 from ppc_attitude.science.controllers.tube_parameters import LAWS
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import fault_texts
@@ -138,7 +138,7 @@ def execute(arguments: argparse.Namespace) -> int:
         *conditions_of(scenario, required, q_e, environment),
         *stoppable(lambda: [*loop_conditions(scenario, deadline, torque)]),
         *wheels,
-        *_goal_conditions(goals),
+        *_goal_conditions(goals, scenario.number(PLANT, "duration")),
     )
     idle = idle_parameters(arguments.config, scenario)
     if arguments.json:
@@ -185,8 +185,11 @@ def _promised(
     }
 
 
-def _goal_conditions(goals: list[Answer]) -> Iterator[Condition]:
-    """Yield the condition that all goals are followed: a refused one is a missed requirement."""
+def _goal_conditions(goals: list[Answer], end: float) -> Iterator[Condition]:
+    """Yield the conditions that all goals are followed, and that the last is reached by the end."""
+    if goals and end:
+        meaning = "the desired motion arrives at the last goal before the run ends"
+        yield advisable("last arrival", goals[-1].arrives, end, "s", meaning)
     if goals:
         meaning = "the guidance follows every scheduled goal"
         refused = sum(told.refused for told in goals)
