@@ -29,6 +29,7 @@ from ppc_attitude.science.allocators import wheel_drive
 from ppc_attitude.science.attitude import conjugate, normalised, rotate
 from ppc_attitude.science.component import MAX_WHEELS
 from ppc_attitude.science.conditions import Condition, advisable
+from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.faults import fault_of, fault_texts
 from ppc_attitude.science.kernel import quaternion, vector
 from ppc_attitude.science.part import Part
@@ -114,10 +115,10 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
     drive, craft = Part(wheel_drive.COMPONENT, {**plant, **free}), wheels.wheel_record(plant)
     inertia, speeds = np.reshape(plant[INERTIA.name], (3, 3)), craft["initial_speed"].copy()
     start = quaternion(normalised(tuple(plant[INITIAL_ATTITUDE.name])))
-    # Momentum of craft and wheels [N·m·s]: in inertial axes only the environment changes it.
+    # Momentum of craft and wheels [N·m·s]: in inertial axes only external torques change it.
     whole = inertia @ plant[INITIAL_RATE.name] + wheels.momentum(craft, speeds)
     whole = np.array(rotate(start, vector(whole)))
-    turning = slice(craft["count"])
+    turning, hits = slice(craft["count"]), scheduled_pulses(scenario.parameters[INJECTOR])
     net = drive.state["net"][0, turning]
     moments, most = (craft[each][turning] for each in ("inertia", "max_speed"))
     times, shares = np.linspace(0.0, end, count + 1), []
@@ -132,11 +133,13 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
         shares.append(float((np.abs(speeds[turning]) / most).max()))
         seen = dict(zip(known, (q, rate), strict=True))
         environment.step(stamp_ns, (x for each in environment.component.inputs for x in seen[each]))
-        acting = rotate(attitude, vector(environment.output(ENVIRONMENT_TORQUE.name)))
-        whole += 0.0 if unloaded else end / count * np.array(acting)
+        ends, starts = hits["end_ns"], np.maximum(hits["start_ns"], stamp_ns)
+        lasts = np.maximum(np.minimum(ends, stamp_ns + end / count * NANOSECONDS) - starts, 0.0)
+        acts = 0.0 if unloaded else end / count * environment.outputs[ENVIRONMENT_TORQUE.name][0]
+        whole += rotate(attitude, vector(acts + lasts / NANOSECONDS @ hits["torque"]))
     full = times[np.array(shares) > RESERVE]
     passed = f"; a wheel exceeds the limit from {full[0]:.4g} s on" if full.size else ""
-    source = " without unloading" if unloaded else " of the environment's torque"
+    source = " without unloading" if unloaded else " of the environment's torque and of pulses"
     yield advisable(
         "speed of a wheel",
         max(shares),
