@@ -82,10 +82,8 @@ def loss_conditions(scenario: Scenario, environment: float) -> Iterator[Conditio
             spans = drive.state["rank"][0] == 3  # else rounding leaves 1e-18 N·m
             left.append(certain_torque(axes, (1.0 - lost) * limits) if spans else 0.0)
     if left:
-        meaning = (
-            "the torque of the wheels that scheduled faults leave at the worst, on every axis, "
-        )
-        meaning += "axis, exceeds the largest norm of the environment's torque"
+        meaning = "the wheels that scheduled faults leave at the worst give more torque on every "
+        meaning += "axis than the largest norm of the environment's"
         yield Condition("torque with faults", min(left), environment, ">", "N·m", False, meaning)
 
 
