@@ -156,6 +156,11 @@ def test_a_dead_zone_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:
     assert warned(coarser) == {"min_torque", "min_torque in ρ_ω"}
 
 
+def test_a_disturbance_beyond_the_torque_is_warned_of(cubesat: Scenario) -> None:
+    """The loop of the paper's law then swings, whatever its other gains."""
+    assert "D_m" in warned(cubesat.with_values(CONTROLLER, D_m=4.57e-3))
+
+
 def test_wheels_that_give_less_than_the_law_may_ask_for_are_warned_of() -> None:
     enough = load(configs("wheels"))
     assert not warned(enough)
@@ -164,6 +169,21 @@ def test_wheels_that_give_less_than_the_law_may_ask_for_are_warned_of() -> None:
     weak = enough.with_values(PLANT, **{"wheels.max_torque": [0.04]})
     assert warned(weak) == {"max_torque"}
     assert not any(name.startswith("min_torque") for name in conditions(weak))
+
+
+def test_a_wheel_whose_loss_leaves_a_plane_is_warned_of(ask: Ask, tmp_path: Path) -> None:
+    given = configs("paper", "wheels", "faults")
+    three = told_by_check(ask, *given)["torque with faults"]
+    assert three["holds"]
+    assert three["value"] == pytest.approx(0.05 / math.sqrt(3.0))
+    text = "/**/spacecraft_plant: {ros__parameters: {faults: [wheel/0 seized from 5 for 9, "
+    text += "wheel/1 stuck 0 from 7, wheel/2 drag 2]}}"
+    (tmp_path / "two.yaml").write_text(text, encoding="utf-8")
+    for more in ((), configs("allocator")):
+        plane = told_by_check(ask, *given, tmp_path / "two.yaml", *more)["torque with faults"]
+        assert not plane["holds"]
+        assert plane["value"] == 0.0
+    assert "torque with faults" not in told_by_check(ask, *given[:2])
 
 
 def test_a_rate_envelope_that_single_pulses_leave_is_warned_of() -> None:
@@ -279,6 +299,18 @@ def test_a_goal_that_will_be_refused_is_no_good_configuration(tmp_path: Path, as
     reference = {"mode": "goal", "goals": goals, "spin.rate": 0.05}
     file = overlay(tmp_path / "goals.yaml", {REFERENCE: reference})
     assert "refused goals  1 ≤ 0  VIOLATED" in ask("check", "--config", file, code=1).out
+
+
+def test_a_run_that_ends_before_its_last_goal_is_reached_is_warned_of(
+    tmp_path: Path, ask: Ask
+) -> None:
+    goals = {"times": [1.0, 20.0], "attitudes": [0, 0, 0, 1, 1, 0, 0, 0]}
+    file = overlay(tmp_path / "goals.yaml", {REFERENCE: {"mode": "goal", "goals": goals}})
+    for duration, enough in ((110.0, False), (120.0, True)):
+        run = overlay(tmp_path / f"{duration}.yaml", {PLANT: {"duration": duration}})
+        reached = told_by_check(ask, *configs("paper"), file, run)["last arrival"]
+        assert reached["value"] == pytest.approx(119.4, abs=0.1)
+        assert reached["holds"] == enough
 
 
 def test_a_start_without_a_fix_is_checked_by_the_truth(tmp_path: Path, ask: Ask) -> None:

@@ -174,3 +174,7 @@ def test_design_writes_gains_and_says_that_they_are_no_guarantee(
     values = load([craft, gains]).parameters[CONTROLLER]
     assert values[GAIN] == 0.1
     assert math.isfinite(values["quaternion_feedback.damping"])
+    assert "check warns" not in told
+    law[1] = "ppc"  # with the D_m of another craft
+    told = ask("design", "--config", craft, *law, code=1).out
+    assert "warning: check warns of these gains: loop margin, torque at rest" in told

@@ -269,3 +269,11 @@ def test_a_dipole_that_is_held_too_long_is_warned_of(gain: float, grows: bool) -
         assert conditions(each)["unloading in a period"].holds != grows
     off = craft.with_values(PLANT, **{"magnetorquers.law": "off"})
     assert "unloading in a period" not in conditions(off)
+
+
+def test_a_deadband_beyond_what_a_wheel_holds_is_warned_of() -> None:
+    """The wheels would be full before they are unloaded."""
+    craft = case("wheels", "orbit", "unloading")
+    assert conditions(craft)["unloading deadband"].holds
+    full = craft.with_values(PLANT, **{"magnetorquers.deadband": 0.51})
+    assert not conditions(full)["unloading deadband"].holds

@@ -38,7 +38,7 @@ from ppc_attitude.analysis.requirements import PAPER as PAPER_REQUIREMENTS
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.environment_load import wheel_conditions
 from ppc_attitude.contract.run_record import RunRecord
-from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.contract.topics import INJECTOR, PLANT
 from ppc_attitude.science import wheels
 from ppc_attitude.science.component import MAX_WHEELS
 from ppc_attitude.science.conditions import Condition
@@ -325,10 +325,33 @@ def test_the_wheel_that_is_full_first_is_warned_of() -> None:
     (sooner,) = speed_of_a_wheel(case("wheels").with_values(PLANT, **spun))
     assert sooner.value > short.value
     endless = case("wheels", duration=0.0)
-    for fine in (case(), endless, case("wheels", "orbit", "unloading", duration=1e6)):
+    for fine in (case(), endless):
         assert not speed_of_a_wheel(fine)
-    off = {"magnetorquers.law": "off", "duration": 1e4}
     hasty = {"wheels.null_gain": 1.0, "duration": 2e4}  # a step of the sum is of 10 s
     (idle,) = speed_of_a_wheel(case("wheels", "orbit").with_values(PLANT, **hasty))
     assert idle.value < 0.3
-    assert speed_of_a_wheel(case("wheels", "orbit", "unloading").with_values(PLANT, **off))
+
+
+def test_a_pulse_that_fills_the_wheels_is_warned_of() -> None:
+    hit = {"pulse_times": [50.0], "pulse_durations": [0.1], "pulse_torques": [15.0, 0.0, 0.0]}
+    hit_once = case("wheels", "orbit").with_values(INJECTOR, **hit)
+    (full,) = speed_of_a_wheel(hit_once)
+    assert not full.holds
+    when = float(full.meaning.rpartition("limit from ")[2].removesuffix(" s on"))
+    assert 50.0 < when < 65.0
+
+
+def test_magnetorquers_take_up_what_the_environment_adds_and_no_tumble() -> None:
+    unloaded = case("wheels", "orbit", "unloading", duration=1e5)
+    (fine,) = speed_of_a_wheel(unloaded)
+    (lone,) = speed_of_a_wheel(unloaded.with_values(PLANT, **{"magnetorquers.law": "off"}))
+    assert fine.value < 0.3 < lone.value
+    fast = unloaded.with_values(PLANT, initial_angular_velocity=[0.3, 0.2, 0.0])
+    (full,) = speed_of_a_wheel(fast)
+    assert not full.holds
+    assert full.meaning.endswith(
+        "without unloading, if the craft follows its reference; a wheel "
+        "exceeds the limit from 0 s on"
+    )
+    speeds = simulate(fast, 60.0)["wheel_speed"]
+    assert np.abs(speeds).max() > 0.99 * 628.3

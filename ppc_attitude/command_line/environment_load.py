@@ -24,9 +24,13 @@ from ppc_attitude.analysis.reserves import RESERVE
 from ppc_attitude.contract.declared import parameters_in_use
 from ppc_attitude.contract.topics import INJECTOR, PLANT
 from ppc_attitude.science import magnetorquers, wheels
+from ppc_attitude.science.allocation import certain_torque
 from ppc_attitude.science.allocators import wheel_drive
 from ppc_attitude.science.attitude import conjugate, normalised, rotate
+from ppc_attitude.science.component import MAX_WHEELS
 from ppc_attitude.science.conditions import Condition, advisable
+from ppc_attitude.science.disturbances.pulses import scheduled_pulses
+from ppc_attitude.science.faults import fault_of, fault_texts
 from ppc_attitude.science.kernel import quaternion, vector
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.plants.rigid_body import INERTIA, INITIAL_ATTITUDE, INITIAL_RATE
@@ -63,18 +67,39 @@ def environment_torque(scenario: Scenario, environment: Part) -> float:
     return float(np.linalg.norm(torques, axis=1).max())
 
 
-def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> Iterator[Condition]:
-    """Compare the speeds to which a run brings wheels without magnetorquers with their largest.
+def loss_conditions(scenario: Scenario, environment: float) -> Iterator[Condition]:
+    """Compare what wheels give while scheduled faults take some with the environment [N·m]."""
+    plant, left = scenario.parameters[PLANT], []
+    if wheels.AXES.name not in parameters_in_use(PLANT, plant):
+        return
+    drive = Part(wheel_drive.COMPONENT, {**plant, wheel_drive.DETECTION_DELAY.name: 0.0})
+    axes = wheels.axes_of(plant)
+    limits = np.broadcast_to(plant[wheels.MAX_TORQUE.name], len(axes))
+    for stamp_ns in sorted(fault_of(text).start_ns for text in fault_texts(plant)):
+        drive.step(stamp_ns, [0.0] * (6 + MAX_WHEELS))
+        lost = drive.state["lost"][0, : len(axes)]
+        if lost.any():
+            spans = drive.state["rank"][0] == 3  # else rounding leaves 1e-18 N·m
+            left.append(certain_torque(axes, (1.0 - lost) * limits) if spans else 0.0)
+    if left:
+        meaning = "the wheels that scheduled faults leave at the worst give more torque on every "
+        meaning += "axis than the largest norm of the environment's"
+        yield Condition("torque with faults", min(left), environment, ">", "N·m", False, meaning)
 
-    It is assumed that the craft follows the reference, and that the wheels share the momentum as
-    the drive does. Both parts have made a step, and are stepped anew.
+
+def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> Iterator[Condition]:
+    """Compare the speeds to which a run brings the wheels with their largest.
+
+    It is assumed that the craft follows the reference, that the wheels share the momentum as the
+    drive does, and that magnetorquers take up that of the environment, and of nothing else. Both
+    parts have made a step, and are stepped anew.
     """
     plant, end = scenario.parameters[PLANT], scenario.number(PLANT, "duration")
     known = TRUE_ATTITUDE, TRUE_RATE
     in_use, rods = parameters_in_use(PLANT, plant), magnetorquers.MAX_DIPOLE.name
     unloaded = rods in in_use and plant.get(magnetorquers.LAW.name) != "off"
     needed = wheels.AXES, INERTIA, INITIAL_ATTITUDE, INITIAL_RATE
-    if unloaded or not end or not all(each.name in in_use for each in needed):
+    if not end or not all(each.name in in_use for each in needed):
         return
     if not set(environment.component.inputs) <= set(known):
         return
@@ -88,10 +113,10 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
     drive, craft = Part(wheel_drive.COMPONENT, {**plant, **free}), wheels.wheel_record(plant)
     inertia, speeds = np.reshape(plant[INERTIA.name], (3, 3)), craft["initial_speed"].copy()
     start = quaternion(normalised(tuple(plant[INITIAL_ATTITUDE.name])))
-    # Momentum of craft and wheels [N·m·s]: in inertial axes only the environment changes it.
+    # Momentum of craft and wheels [N·m·s]: in inertial axes only external torques change it.
     whole = inertia @ plant[INITIAL_RATE.name] + wheels.momentum(craft, speeds)
     whole = np.array(rotate(start, vector(whole)))
-    turning = slice(craft["count"])
+    turning, hits = slice(craft["count"]), scheduled_pulses(scenario.parameters[INJECTOR])
     net = drive.state["net"][0, turning]
     moments, most = (craft[each][turning] for each in ("inertia", "max_speed"))
     times, shares = np.linspace(0.0, end, count + 1), []
@@ -106,15 +131,18 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
         shares.append(float((np.abs(speeds[turning]) / most).max()))
         seen = dict(zip(known, (q, rate), strict=True))
         environment.step(stamp_ns, (x for each in environment.component.inputs for x in seen[each]))
-        acting = rotate(attitude, vector(environment.output(ENVIRONMENT_TORQUE.name)))
-        whole += end / count * np.array(acting)
+        ends, starts = hits["end_ns"], np.maximum(hits["start_ns"], stamp_ns)
+        lasts = np.maximum(np.minimum(ends, stamp_ns + end / count * NANOSECONDS) - starts, 0.0)
+        acts = 0.0 if unloaded else end / count * environment.outputs[ENVIRONMENT_TORQUE.name][0]
+        whole += rotate(attitude, vector(acts + lasts / NANOSECONDS @ hits["torque"]))
     full = times[np.array(shares) > RESERVE]
     passed = f"; a wheel exceeds the limit from {full[0]:.4g} s on" if full.size else ""
+    source = " without unloading" if unloaded else " of the environment's torque and of pulses"
     yield advisable(
         "speed of a wheel",
         max(shares),
         RESERVE,
         "",
-        f"largest share of its speed limit that a wheel reaches in {end:g} s of the environment's "
-        f"torque, if the craft follows its reference{passed}",
+        f"largest share of its speed limit that a wheel reaches in {end:g} s{source}, if the craft "
+        f"follows its reference{passed}",
     )

@@ -27,12 +27,14 @@ from ppc_attitude.campaign.pools import cores, threads
 from ppc_attitude.campaign.tuning import Tuned, tuned
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.parameter_file import overlay
+from ppc_attitude.command_line.proportions import actuator_torques
 from ppc_attitude.command_line.stopping import stoppable
 from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.contract.whole_file import write_whole
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import warm_up
+from ppc_attitude.simulation.loop_margin import loop_conditions
 from ppc_attitude.simulation.scenario import Scenario
 
 WRITTEN = "`ppc_attitude design` wrote this file."
@@ -56,7 +58,10 @@ def search_gains(arguments: argparse.Namespace, scenario: Scenario) -> int:
             bar.set_postfix_str(f"cost {least:.3g}")
 
         found = tuned(varied, arguments.seconds, executor, progress=show)
-    lines = _told(found, scenario.controller.name)
+    best = scenario.with_values(CONTROLLER, **found.gains)
+    deadline, (_, torque) = varied.required.settling_deadline, actuator_torques(best)
+    loop = stoppable(lambda: [*loop_conditions(best, deadline, torque)])
+    lines = _told(found, scenario.controller.name, [each.name for each in loop if not each.holds])
     for line in lines:
         print(line)
     if arguments.output:
@@ -79,7 +84,7 @@ def _campaign(arguments: argparse.Namespace, scenario: Scenario) -> Campaign:
     return replace(varied, required=load_requirements(arguments.requirements))
 
 
-def _told(found: Tuned, law: str) -> list[str]:
+def _told(found: Tuned, law: str, violated: list[str]) -> list[str]:
     median, worst = found.settling
     times = f"median {median:.1f} s, worst {worst:.1f} s" if math.isfinite(worst) else "not always"
     gains = ", ".join(f"{name} = {gain!r}" for name, gain in found.gains.items())
@@ -89,6 +94,7 @@ def _told(found: Tuned, law: str) -> list[str]:
         f"requirement that they are judged by: {found.fraction} with 95 % confidence",
         f"settled: {times}",
         *(f"missed in {count} runs: {name}" for name, count in found.missed.items()),
+        *([f"warning: check warns of these gains: {', '.join(violated)}"] if violated else []),
         "this is an estimate and no guarantee: momentum_tube is the law that has one",
     ]
 

@@ -47,7 +47,7 @@ from ppc_attitude.science.noise import normal_vector
 from ppc_attitude.science.parameter import RATE, Parameter, at_start, filled, record_type
 from ppc_attitude.science.sensors.direct import SEED
 from ppc_attitude.science.stamps import whole_steps
-from ppc_attitude.science.wheels import momentum
+from ppc_attitude.science.wheels import INERTIA, MAX_SPEED, momentum
 
 STRONGEST_FIELD = 7e-5
 """[T] Earth's field is nowhere stronger above ground."""
@@ -150,7 +150,7 @@ def magnetorquer_record(values: Mapping[str, Any]) -> Any:
 
 
 def conditions(values: Mapping[str, Any], _: Task) -> Iterator[Condition]:
-    """Compare the share of the momentum that is removed in a period with twice the momentum."""
+    """Compare what a period removes with twice the momentum, and what is left with a wheel."""
     if values[LAW.name] == "cross_product":
         yield advisable(
             "unloading in a period",
@@ -160,6 +160,9 @@ def conditions(values: Mapping[str, Any], _: Task) -> Iterator[Condition]:
             "k T, with T the time for which a dipole is held: it does not turn the momentum across "
             "the field into a larger one of opposite sign",
         )
+        held = np.multiply(values[INERTIA.name], values[MAX_SPEED.name]).min()  # [N·m·s]
+        meaning = "momentum of the wheels from which on they are unloaded, against what one holds"
+        yield advisable("unloading deadband", values[DEADBAND.name], held, "N·m·s", meaning)
 
 
 def torque_of_rods(values: Mapping[str, Any]) -> float:

@@ -83,6 +83,7 @@ class Answer(NamedTuple):
     time: float
     advice: Advice
     refused: int
+    arrives: float  # [s] the end of the plan that is followed from then on
 
 
 def goals_told(scenario: Scenario) -> list[Answer]:
@@ -110,5 +111,6 @@ def goals_told(scenario: Scenario) -> list[Answer]:
         part.step(stamp_ns, craft["initial_attitude"])
         if part.advices > before:
             refused = int(part.state[0]["refused"]) - refused
-            told.append(Answer(seconds(stamp_ns), part.advice, refused))
+            arrives = float(part.state[0]["plans"][part.state[0]["active"]]["end"])
+            told.append(Answer(seconds(stamp_ns), part.advice, refused, arrives))
     return told

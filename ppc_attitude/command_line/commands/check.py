@@ -26,7 +26,11 @@ from itertools import chain
 from typing import Any
 
 from ppc_attitude.analysis.requirements import load_requirements
-from ppc_attitude.command_line.environment_load import environment_torque, wheel_conditions
+from ppc_attitude.command_line.environment_load import (
+    environment_torque,
+    loss_conditions,
+    wheel_conditions,
+)
 from ppc_attitude.command_line.guarantee_view import Judgement
 from ppc_attitude.command_line.options import (
     POSITIVE,
@@ -50,7 +54,7 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.processes.exits import DONE, REQUIREMENT_FAILED
 from ppc_attitude.science.attitude import attitude_error, rotation_angle
-from ppc_attitude.science.conditions import Condition
+from ppc_attitude.science.conditions import Condition, advisable
 from ppc_attitude.science.controllers.tube_parameters import LAWS
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import fault_texts
@@ -127,13 +131,14 @@ def execute(arguments: argparse.Namespace) -> int:
     surroundings, reference = parts[ENVIRONMENTS.name], parts[REFERENCES.name]
     environment = stoppable(lambda: environment_torque(scenario, surroundings))
     wheels = stoppable(lambda: [*wheel_conditions(scenario, reference, surroundings)])
+    wheels += loss_conditions(scenario, environment)
     goals, (_, torque) = goals_told(scenario), actuator_torques(scenario)
     deadline = required.settling_deadline
     conditions = (
         *conditions_of(scenario, required, q_e, environment),
         *stoppable(lambda: [*loop_conditions(scenario, deadline, torque)]),
         *wheels,
-        *_goal_conditions(goals),
+        *_goal_conditions(goals, scenario.number(PLANT, "duration")),
     )
     idle = idle_parameters(arguments.config, scenario)
     if arguments.json:
@@ -180,8 +185,11 @@ def _promised(
     }
 
 
-def _goal_conditions(goals: list[Answer]) -> Iterator[Condition]:
-    """Yield the condition that all goals are followed: a refused one is a missed requirement."""
+def _goal_conditions(goals: list[Answer], end: float) -> Iterator[Condition]:
+    """Yield the conditions that all goals are followed, and that the last is reached by the end."""
+    if goals and end:
+        meaning = "the desired motion comes to where the goals lead before the run ends"
+        yield advisable("last arrival", goals[-1].arrives, end, "s", meaning)
     if goals:
         meaning = "the guidance follows every scheduled goal"
         refused = sum(told.refused for told in goals)
