@@ -32,7 +32,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numba.core import caching, config
-from process_helpers import ran
+from process_helpers import COMMAND, ran
 
 from ppc_attitude.processes.imports import drop_empty_entries
 from ppc_attitude.science import kernel
@@ -311,3 +311,8 @@ def test_a_full_cache_is_told_with_its_folder(
     told = f"saved in {re.escape(str(tmp_path))}: No space left on device; set NUMBA_CACHE_DIR"
     with pytest.raises(ConfigurationError, match=told):
         CacheFile(str(tmp_path), "step", source_stamp=0).save("key", b"machine code")
+
+
+def test_a_numba_that_compiles_nothing_is_told_with_its_setting() -> None:
+    told = ran([*COMMAND, "check"], 2, env={"NUMBA_DISABLE_JIT": "1"}).stderr
+    assert "allowed: a kernel, and no NUMBA_DISABLE_JIT in the environment" in told

@@ -105,7 +105,8 @@ def kernel_of(component: Component) -> Any:
     """
     step, name = component.step, component.name
     if not isinstance(step, Dispatcher):
-        raise ConfigurationError(f"component {name}: step = {step!r}; allowed: a kernel")
+        told = "a kernel, and no NUMBA_DISABLE_JIT in the environment"
+        raise ConfigurationError(f"component {name}: step = {step!r}; allowed: {told}")
     taken = signature(vars(step)["py_func"])
     if len(taken.parameters) != 4:
         raise ConfigurationError(
