@@ -27,7 +27,7 @@ import pytest
 from bag_helpers import assert_flown
 from conftest import Ask
 from craft_helpers import overlay
-from process_helpers import PAPER
+from process_helpers import COMMAND, PAPER, ran
 from synthetic import normal_run
 
 import ppc_attitude
@@ -267,6 +267,21 @@ def test_of_a_folder_that_exists_it_counts_whether_it_is_writable_itself(
             parse(str(written))
     with pytest.raises(ArgumentTypeError, match="nothing can be written into /"):
         new_folder("/")
+
+
+@pytest.mark.parametrize("loss", ["chmod 0", "rmdir"])
+def test_a_command_needs_no_folder_to_stand_in(loss: str, tmp_path: Path) -> None:
+    """Nor is that folder entered by who runs as another user where root stands."""
+    bounded = ["setpriv", "--bounding-set=-all", "--inh-caps=-all"] if os.geteuid() == 0 else []
+    command = ["bash", "-c", f'{loss} "$PWD"; exec "$@"', "bash", *bounded, *COMMAND]
+    (tmp_path / "stand").mkdir()
+    ran([*command, "check", "--config", str(PAPER)], cwd=tmp_path / "stand")
+
+
+def test_a_current_folder_that_is_gone_is_named(tmp_path: Path) -> None:
+    command = ["bash", "-c", 'rmdir "$PWD"; exec "$@"', "bash", *COMMAND, "simulate"]
+    done = ran([*command, "--bag", "bag"], code=2, cwd=tmp_path)
+    assert done.stderr == "error: .: No such file or directory\n"
 
 
 @pytest.mark.parametrize("line", ["inject 1 0 0", "run --duration 1", "latency --duration 1"])

@@ -319,3 +319,9 @@ def test_a_reference_refuses_goals_by_its_mode_and_says_that_it_has_years_to_int
         reference.says("integrating the motion from zero to the state's stamp: 0 s of 9000000")
         reference.send(signal.SIGTERM)
         assert reference.ends() == 0, reference.err
+
+
+def test_a_node_needs_no_outlets(tmp_path: Path, start_process: StartProcess) -> None:
+    closed = ("bash", "-c", 'exec "$@" <&- >&- 2>&-', "bash")
+    plant = Node(start_process, tmp_path, PLANT, "duration:=0.1", before=closed)
+    assert plant.ends() == 0

@@ -24,11 +24,11 @@ from typing import Any
 
 import pytest
 from conftest import StartProcess
-from process_helpers import PAPER, PATIENCE, Node, pause, ran, until
+from process_helpers import PAPER, PATIENCE, pause, ran, until
 
 import ppc_attitude.processes.child
 from ppc_attitude.bags.reader import read_run
-from ppc_attitude.contract.topics import INJECTOR, PLANT
+from ppc_attitude.contract.topics import INJECTOR
 from ppc_attitude.processes.child import Child, starved
 from ppc_attitude.processes.copied import Copy
 from ppc_attitude.processes.telling import AT, BROKEN
@@ -99,21 +99,6 @@ def test_a_compiler_looks_for_no_settings_in_the_current_folder(tmp_path: Path) 
     command = [sys.executable, "-c", "; ".join(lines)]
     (tmp_path / ".numba_config.yaml").write_text("cache_dir: elsewhere")
     assert "elsewhere" not in ran(command, cwd=tmp_path).stdout
-
-
-@pytest.mark.parametrize("loss", ["chmod 0", "rmdir"])
-def test_a_command_needs_no_folder_to_stand_in(loss: str, tmp_path: Path) -> None:
-    """Nor is that folder entered by who runs as another user where root stands."""
-    bounded = ["setpriv", "--bounding-set=-all", "--inh-caps=-all"] if os.geteuid() == 0 else []
-    command = ["bash", "-c", f'{loss} "$PWD"; exec "$@"', "bash", *bounded, COMMAND]
-    (tmp_path / "stand").mkdir()
-    ran([*command, "check", "--config", str(PAPER)], cwd=tmp_path / "stand")
-
-
-def test_a_current_folder_that_is_gone_is_named(tmp_path: Path) -> None:
-    command = ["bash", "-c", 'rmdir "$PWD"; exec "$@"', "bash", COMMAND, *CALLS["simulate"]]
-    done = ran([*command, "--bag", "bag"], code=2, cwd=tmp_path)
-    assert done.stderr == "error: .: No such file or directory\n"
 
 
 BY_NAME = [sys.executable, "-m", "ppc_attitude.command_line.main"]
@@ -335,13 +320,6 @@ def test_all_that_a_process_says_is_heard_and_nothing_stays_open(tmp_path: Path)
     assert "".join(said) == 100_000 * "caf\ufffd "
     del child
     assert len(list(files.iterdir())) <= before  # what others had open may be closed meanwhile
-
-
-@pytest.mark.ros
-def test_a_node_needs_no_outlets(tmp_path: Path, start_process: StartProcess) -> None:
-    closed = ("bash", "-c", 'exec "$@" <&- >&- 2>&-', "bash")
-    plant = Node(start_process, tmp_path, PLANT, "duration:=0.1", before=closed)
-    assert plant.ends() == 0
 
 
 def test_a_node_that_is_slow_to_begin_ends_when_it_is_asked_to(tmp_path: Path) -> None:
