@@ -24,6 +24,7 @@ import pytest
 from conftest import Ask
 from craft_helpers import case, conditions, configs, overlay
 
+from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import PAPER, Accuracy, Requirements
 from ppc_attitude.command_line.commands import check
 from ppc_attitude.command_line.environment_load import environment_torque
@@ -270,6 +271,20 @@ def test_a_filter_that_takes_its_sensors_for_others_is_warned_of() -> None:
         assert not found[name].holds
     told = "mounting = [0, 0, 0, 1] of the sensors, [0, 0.7071, 0, 0.7071] of the filter"
     assert told in found["star_tracker.mounting"].meaning
+
+
+@pytest.mark.parametrize(("scale", "follows"), [(1e-3, True), (1e-2, False)])
+def test_errors_of_a_gyro_that_the_filter_cannot_follow_are_warned_of(
+    scale: float, follows: bool
+) -> None:
+    """And then the fixes are off their predictions by more than the filter says."""
+    craft = case("sensors_smallsat", "mission", **{"gyro.scale_factor": [scale] * 3})
+    assert conditions(craft)["gyro scale and axes"].holds == follows
+    rows = {each.key: each for each in Verdict(simulate(craft, 150.0)).requirements}
+    assert rows["nis"].met == follows
+    told_more = {"gyro.rate_random_walk": 1e-3}
+    assert conditions(craft.with_values(ESTIMATOR, **told_more))["gyro scale and axes"].holds
+    assert "gyro scale and axes" not in conditions(case("sensors_smallsat"))
 
 
 @pytest.mark.parametrize(("asked", "limits"), [("1.5", {1.5}), ("null", set())])

@@ -37,7 +37,13 @@ from ppc_attitude.science.controllers.common import (
 )
 from ppc_attitude.science.disturbances.pulses import scheduled_pulses
 from ppc_attitude.science.estimators import mekf
-from ppc_attitude.science.estimators.steady_state import FLOOR, Sigmas, error_sigmas, noise_floors
+from ppc_attitude.science.estimators.steady_state import (
+    FLOOR,
+    Sigmas,
+    bias_in_innovation,
+    error_sigmas,
+    noise_floors,
+)
 from ppc_attitude.science.guidance.orders import GOAL_TIMES
 from ppc_attitude.science.guidance.profile import duration, profile
 from ppc_attitude.science.inertia import inertia_error, inertia_matrix
@@ -45,9 +51,9 @@ from ppc_attitude.science.kernel import Quaternion
 from ppc_attitude.science.kinds import ACTUATORS, ESTIMATORS, REFERENCES, SENSORS
 from ppc_attitude.science.multibody import COUPLING, multibody_record
 from ppc_attitude.science.performance import R_LIMIT
-from ppc_attitude.science.plants.rigid_body import INERTIA
+from ppc_attitude.science.plants.rigid_body import INERTIA, INITIAL_RATE
 from ppc_attitude.science.references import goal
-from ppc_attitude.science.sensors import direct
+from ppc_attitude.science.sensors import direct, gyro, gyro_star_tracker
 from ppc_attitude.science.stamps import first_step, instant, seconds
 from ppc_attitude.science.wheels import AXES, WHEELS, wheel_record
 from ppc_attitude.simulation.scenario import Scenario
@@ -244,6 +250,17 @@ def _of_knowledge(scenario: Scenario, task: Task) -> Iterator[Condition]:
         meaning = "relative error of the law's inertia about the worst axis"
         error = inertia_error(np.array(known), np.array(true))
         yield advisable("inertia", error, _INERTIA_ERROR, "", meaning)
+    plant, estimator = scenario.parameters[PLANT], scenario.parameters[ESTIMATOR]
+    senses = SENSORS.selected(plant) is gyro_star_tracker.COMPONENT
+    wrong = np.linalg.norm(gyro.gyro_record(plant)["response"] - np.eye(3), 2) if senses else 0.0
+    if wrong and ESTIMATORS.selected(estimator) is mekf.COMPONENT:
+        start = np.linalg.norm(task.craft.get(INITIAL_RATE.name, 0.0))
+        fastest = max(task.desired_rate or 0.0, float(start))
+        moved = wrong * fastest * bias_in_innovation(estimator, scenario.number(PLANT, "rate"))
+        meaning = "how far the gyro's errors of scale and axes take a fix from its prediction at "
+        meaning += f"most, at {fastest:.3g} rad/s and in σ of the innovation: the filter takes "
+        meaning += "them for a bias, which then changes faster than its gyro.rate_random_walk says"
+        yield advisable("gyro scale and axes", float(moved), 1.0, "", meaning)
 
 
 def _of_pulses(scenario: Scenario, required: Requirements, task: Task) -> Iterator[Condition]:

@@ -130,6 +130,28 @@ def first_knowledge(estimator: Mapping[str, Any], rate: float) -> tuple[float, f
     return known.attitude, known.bias, white
 
 
+def bias_in_innovation(estimator: Mapping[str, Any], rate: float) -> float:
+    """How far a change of the gyro's bias takes a fix from its prediction [s/rad].
+
+    In σ of the innovation, for each rad/s: in the long run a filter adds K = P_θθ/(P_θθ + σ_n²) of
+    an innovation to the attitude and little to the bias, so the innovation grows to T Δb/K.
+
+    Parameters
+    ----------
+    estimator, rate
+        As of `first_knowledge`.
+    """
+    every, _ = slots(rate, estimator)
+    white, walk = _gyro_noise(estimator, rate)
+
+    def of_axis(fix: float) -> float:
+        before, _ = steady_state(fix, white, walk, every / rate)
+        sigma = math.hypot(math.sqrt(before.attitude), fix)
+        return every / rate * sigma / before.attitude if before.attitude else math.inf
+
+    return max(of_axis(estimator[CROSS_NOISE.name]), of_axis(estimator[BORESIGHT_NOISE.name]))
+
+
 def _gyro_noise(estimator: Mapping[str, Any], rate: float) -> tuple[float, float]:
     """σ_v of the gyro with its rounding [rad/√s], and σ_u [rad/s^1.5]."""
     given, resolution = estimator[ANGULAR_RANDOM_WALK.name], estimator[RESOLUTION.name]
