@@ -329,6 +329,24 @@ def test_a_plant_of_others_may_tell_little_of_itself(plant: dict[str, Any], reas
     assert bool(held.reason) == bool(reason)
 
 
+@pytest.mark.parametrize(
+    ("node", "lost", "reason"),
+    [
+        (CONTROLLER, "momentum_tube.assumed.W2", "the record lacks the parameter"),
+        (PLANT, "wheels.inertia", "wheels.inertia has 2 values"),
+    ],
+)
+def test_numbers_that_are_lost_or_impossible_void_the_promise(
+    node: str, lost: str, reason: str
+) -> None:
+    record = record_of("guaranteed", "wheels")
+    values = {**record.parameters[node], lost: [0.0, 0.0]}
+    if node == CONTROLLER:
+        del values[lost]
+    held = held_by(replace(record, parameters={**record.parameters, node: values}))
+    assert held.reason.startswith(reason)
+
+
 def test_a_craft_is_known_where_nothing_is_told_of_its_environment() -> None:
     record = record_of("guaranteed")
     heard = replace(record, parameters={**record.parameters, INJECTOR: {}})
