@@ -237,8 +237,6 @@ class _Disturbance(Variable):
         torque = [size * part for part in self.direction(own)]
         drawn = {"pulse_time": time, "pulse_duration": duration, "pulse_torque": size}
         drawn |= zip(_TAU, torque, strict=True)
-        if not size:
-            return drawn, {}
         pulses = (
             ("pulse_times", [time]),
             ("pulse_durations", [duration]),
