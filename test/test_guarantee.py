@@ -57,14 +57,12 @@ from ppc_attitude.science.guarantee.design import Wishes, designed
 from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.guarantee.inequalities import inequalities
 from ppc_attitude.science.guarantee.surroundings import (
-    assumptions_from,
     broken_assumptions,
     broken_by_reference,
     longer_ramps,
 )
 from ppc_attitude.science.inertia import inertia_error
-from ppc_attitude.science.kinds import REFERENCES
-from ppc_attitude.science.references import paper
+from ppc_attitude.science.references.paper import motion_bounds
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import Scenario, load
 
@@ -351,43 +349,12 @@ def test_hardware_that_was_not_assumed_is_named(overlays: list[str], told: str) 
     assert told in "; ".join(broken(case("guaranteed", *overlays)))
 
 
-SLOW = {"mode": "goal", "guidance.max_rate": 1e-3}
-SLOW |= {"guidance.max_acceleration": 1e-6, "guidance.max_jerk": 1e-7}
-
-
-def test_of_a_reference_without_known_bounds_nothing_is_promised(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    unbounded = replace(paper.COMPONENT, motion_bounds=None)
-    monkeypatch.setitem(REFERENCES.components, "paper", unbounded)
-    scenario = case("guaranteed")
-    assert broken(scenario) == ["mode = paper: whether it keeps the assumed bounds is not known"]
-    nodes, law = nodes_around(scenario.parameters), scenario.parameters[CONTROLLER]
-    with pytest.raises(ConfigurationError, match="mode = paper tells no bound W2: give it with"):
-        assumptions_from(nodes, law, {"W": 0.01, "W1": 0.01})
-
-
-@pytest.mark.parametrize(
-    ("node", "values", "option", "told"),
-    [
-        (REFERENCE, SLOW, ("--known-reference",), "mode = goal; allowed with --known-reference: p"),
-        (PLANT, {"rate": 50.0}, ("--known-reference",), "so no time is guaranteed"),
-        (PLANT, {"rate": 50.0}, ("--hit", "0.5", "0.1"), "so no recovery is guaranteed"),
-    ],
-)
-def test_what_is_asked_where_nothing_can_be_told_is_refused(
-    node: str, values: dict[str, Any], option: tuple[str, ...], told: str, tmp_path: Path, ask: Ask
-) -> None:
-    files = [*configs("paper", "guaranteed"), overlay(tmp_path / "own.yaml", {node: values})]
-    assert told in ask("check", *(f"--config={file}" for file in files), *option, code=2).err
-
-
 def test_bounds_of_a_reference_need_no_memory_that_grows_with_the_run() -> None:
     """Every millisecond of the run stood in arrays: a run of some hours needed gigabytes."""
     reference = case().parameters[REFERENCE]
-    paper.motion_bounds(reference, 0.0)  # compiled
+    motion_bounds(reference, 0.0)  # compiled
     tracemalloc.start()
-    W, W1, W2 = paper.motion_bounds(reference, 3000.0)
+    W, W1, W2 = motion_bounds(reference, 3000.0)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1e6

@@ -18,12 +18,14 @@ import math
 from dataclasses import replace
 from functools import cache
 from itertools import product as pairs
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from craft_helpers import configs, guaranteed, pulse
-from test_guarantee import complete, values_of
+from conftest import Ask
+from craft_helpers import case, configs, guaranteed, overlay, pulse
+from test_guarantee import broken, complete, values_of
 
 from ppc_attitude.analysis.guarantee import nodes_around
 from ppc_attitude.analysis.truth import pointing_errors
@@ -34,6 +36,7 @@ from ppc_attitude.command_line.guarantee_view import (
 )
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.attitude import product, unit_quaternion
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee import design
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import (
@@ -49,8 +52,10 @@ from ppc_attitude.science.guarantee.certificate import Certificate, Promise, cer
 from ppc_attitude.science.guarantee.design import Wishes, designed
 from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.guarantee.fixed_point import InfeasibleError, tuned
-from ppc_attitude.science.guarantee.surroundings import suspensions
+from ppc_attitude.science.guarantee.surroundings import assumptions_from, suspensions
 from ppc_attitude.science.guidance.rotation import about
+from ppc_attitude.science.kinds import REFERENCES
+from ppc_attitude.science.references import paper
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
 
@@ -311,3 +316,34 @@ def test_what_is_promised_is_told_as_no_more_than_is_proved() -> None:
     assert "from t = 91.75 s on" in exact
     assert end.endswith("≤ 0.0013 in the end")
     assert time_text(71.1701) == "71.18"
+
+
+SLOW = {"mode": "goal", "guidance.max_rate": 1e-3}
+SLOW |= {"guidance.max_acceleration": 1e-6, "guidance.max_jerk": 1e-7}
+
+
+def test_of_a_reference_without_known_bounds_nothing_is_promised(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    unbounded = replace(paper.COMPONENT, motion_bounds=None)
+    monkeypatch.setitem(REFERENCES.components, "paper", unbounded)
+    scenario = case("guaranteed")
+    assert broken(scenario) == ["mode = paper: whether it keeps the assumed bounds is not known"]
+    nodes, law = nodes_around(scenario.parameters), scenario.parameters[CONTROLLER]
+    with pytest.raises(ConfigurationError, match="mode = paper tells no bound W2: give it with"):
+        assumptions_from(nodes, law, {"W": 0.01, "W1": 0.01})
+
+
+@pytest.mark.parametrize(
+    ("node", "values", "option", "told"),
+    [
+        (REFERENCE, SLOW, ("--known-reference",), "mode = goal; allowed with --known-reference: p"),
+        (PLANT, {"rate": 50.0}, ("--known-reference",), "so no time is guaranteed"),
+        (PLANT, {"rate": 50.0}, ("--hit", "0.5", "0.1"), "so no recovery is guaranteed"),
+    ],
+)
+def test_what_is_asked_where_nothing_can_be_told_is_refused(
+    node: str, values: dict[str, Any], option: tuple[str, ...], told: str, tmp_path: Path, ask: Ask
+) -> None:
+    files = [*configs("paper", "guaranteed"), overlay(tmp_path / "own.yaml", {node: values})]
+    assert told in ask("check", *(f"--config={file}" for file in files), *option, code=2).err
