@@ -29,6 +29,7 @@ from geometry_msgs.msg import PoseStamped, Quaternion, Transform, Twist, Vector3
 from guidance_helpers import guided
 from peer import Beside, living
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
@@ -45,7 +46,7 @@ from ppc_attitude.contract.topics import (
     Topic,
 )
 from ppc_attitude.nodes.goto import Answer, go_to
-from ppc_attitude.nodes.guidance_desk import ASKED
+from ppc_attitude.nodes.guidance_desk import ASKED, GuidanceDesk
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
 from ppc_attitude.science.errors import ConfigurationError
@@ -282,6 +283,22 @@ def test_bad_goals_are_refused_and_the_present_one_goes_on(
     assert refused.message == "0 orders wait; allowed: no more at a time"
     orders = [goal_order(nanoseconds(1.0), "inertial", GOAL)]
     assert pilot.state(6.0) == flown(orders, [0.0, 1.0, 6.0])[-1]
+
+
+def test_limits_that_change_in_flight_leave_the_goals(
+    pilot: Pilot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pilot.state(0.0)
+    pilot.pose(GOAL)
+    pilot.state(1.0)
+    assert pilot.node.set_parameters([Parameter("guidance.max_rate", value=1e-3)])[0].successful
+    assert (
+        pilot.state(6.0) == flown([goal_order(nanoseconds(1.0), "inertial", GOAL)], [1.0, 6.0])[-1]
+    )
+    (record,) = pilot.node.chain.parts[0].configuration
+    assert (record["limits"]["max_rate"], record["orders"]) == (1e-3, 1)
+    monkeypatch.setattr(GuidanceDesk, "concern", "turns too fast")
+    assert pilot.node.status().summary == "the desired motion turns too fast"
 
 
 def test_goto_prints_the_answer_that_is_its_own(

@@ -29,6 +29,7 @@ from test_guarantee import broken, complete, values_of
 
 from ppc_attitude.analysis.guarantee import nodes_around
 from ppc_attitude.analysis.truth import pointing_errors
+from ppc_attitude.command_line import guarantee_view
 from ppc_attitude.command_line.guarantee_view import (
     Judgement,
     promise_lines,
@@ -229,6 +230,37 @@ def test_a_refusal_shows_numbers_that_fail(share: float) -> None:
     with pytest.raises(InfeasibleError) as refusal:
         tuned(slow, law.h, (law.k, law.kappa, law.ell), COARSE)
     assert refusal.value.failing.room < 0.0
+
+
+@pytest.mark.parametrize(
+    ("changed", "kappa", "told"),
+    [
+        ({"d": 0.06}, 15.4, "C2: the torque exceeds the disturbance"),
+        ({"late": 1.0}, 60.0, "C1: the tube is finite"),
+        ({"W1": 0.02}, 15.4, "C3: feedforward and tube leave torque to brake with"),
+    ],
+)
+def test_a_refusal_tells_what_is_too_much(
+    changed: dict[str, float], kappa: float, told: str
+) -> None:
+    assumed, law = guaranteed()
+    with pytest.raises(InfeasibleError) as refusal:
+        tuned(replace(assumed, **changed), law.h, (law.k, kappa, law.ell), COARSE)
+    failing = refusal.value.failing
+    assert f"{failing.name}: {failing.meaning}" == told
+
+
+def test_of_a_start_that_is_too_fast_or_a_law_that_is_wrong_nothing_is_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(guarantee_view, "balls", lambda: FLOATS)
+    monkeypatch.setattr(guarantee_view, "RATES", ())
+    judged = Judgement(load(configs("paper", "guaranteed")), [])
+    assert len(judged.of_start(1.0, 0.01)) == 1
+    assert judged.of_start(1.0, 0.2) == []
+    wrong = {CONTROLLER: {"momentum_tube.Y": [1e-5, 1e-5, 1e-5]}}
+    lines = Judgement(load(configs("paper", "guaranteed"), wrong), []).lines()
+    assert any(line.startswith("  not proved: C1 x, C1 y, C1 z") for line in lines)
 
 
 OMEGA_D = math.radians(0.7072)  # ‖ω_d(0)‖ of the paper's reference, for a craft at rest
