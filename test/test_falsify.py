@@ -342,7 +342,11 @@ def test_what_no_craft_can_fly_is_refused_before_the_search(
         ({}, {"initial_attitude": "so3"}, "plant = bare has no parameter initial_attitude"),
         ({"e_S": 0.1}, {"inertia_error": 0.1}, "inert.*: plant = bare has no parameter inertia"),
         ({"begin": 3.0}, {}, "begin of the reference: mode = goal has no parameter begin"),
-        ({"eta": 0.5}, {"actuator_strength": 0.5}, "actuator = ideal declares no limits"),
+        (
+            {"eta": 0.5},
+            {"actuator_strength": 0.5},
+            "strength = 0.5; .* actuator = ideal has no limits",
+        ),
     ],
 )
 def test_what_no_component_has_is_not_varied(
