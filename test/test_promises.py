@@ -263,6 +263,11 @@ def test_of_a_start_that_is_too_fast_or_a_law_that_is_wrong_nothing_is_told(
     assert any(line.startswith("  not proved: C1 x, C1 y, C1 z") for line in lines)
 
 
+def test_an_accuracy_within_the_tube_is_never_promised() -> None:
+    with pytest.raises(ValueError, match=r"\|q_ev,i\| < 1e-09 is never guaranteed: the tube leads"):
+        certify(values_of(), 1e-9, (0.0,), FLOATS)
+
+
 OMEGA_D = math.radians(0.7072)  # ‖ω_d(0)‖ of the paper's reference, for a craft at rest
 
 
