@@ -174,3 +174,7 @@ def test_design_writes_gains_and_says_that_they_are_no_guarantee(
     values = load([craft, gains]).parameters[CONTROLLER]
     assert values[GAIN] == 0.1
     assert math.isfinite(values["quaternion_feedback.damping"])
+    declared = tmp_path / "varies.yaml"
+    declared.write_text(f"campaign: {{parameters: {{{CONTROLLER}.{GAIN}: 0.2}}}}\n")
+    varies = ["--config", craft, *law[:4], "--campaign", declared]
+    assert f"the campaign varies {GAIN}" in ask("design", *varies, code=2).err
