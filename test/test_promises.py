@@ -55,8 +55,7 @@ from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.guarantee.fixed_point import InfeasibleError, tuned
 from ppc_attitude.science.guarantee.surroundings import assumptions_from, suspensions
 from ppc_attitude.science.guidance.rotation import about
-from ppc_attitude.science.kinds import REFERENCES
-from ppc_attitude.science.references import paper
+from ppc_attitude.science.kinds import ENVIRONMENTS, REFERENCES, Kind
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
 
@@ -359,16 +358,30 @@ SLOW = {"mode": "goal", "guidance.max_rate": 1e-3}
 SLOW |= {"guidance.max_acceleration": 1e-6, "guidance.max_jerk": 1e-7}
 
 
-def test_of_a_reference_without_known_bounds_nothing_is_promised(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize(
+    ("kind", "hook", "told", "bound"),
+    [
+        (REFERENCES, "motion_bounds", "mode = paper", "W2"),
+        (ENVIRONMENTS, "bound", "environment = paper", "d"),
+    ],
+)
+def test_of_what_has_no_known_bounds_nothing_is_promised(
+    kind: Kind, hook: str, told: str, bound: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    unbounded = replace(paper.COMPONENT, motion_bounds=None)
-    monkeypatch.setitem(REFERENCES.components, "paper", unbounded)
+    unbounded = replace(kind.components["paper"], **{hook: None})
+    monkeypatch.setitem(kind.components, "paper", unbounded)
     scenario = case("guaranteed")
-    assert broken(scenario) == ["mode = paper: whether it keeps the assumed bounds is not known"]
+    assert broken(scenario) == [f"{told}: whether it keeps the assumed bounds is not known"]
     nodes, law = nodes_around(scenario.parameters), scenario.parameters[CONTROLLER]
-    with pytest.raises(ConfigurationError, match="mode = paper tells no bound W2: give it with"):
+    with pytest.raises(ConfigurationError, match=f"{told} tells no bound {bound}: give it with"):
         assumptions_from(nodes, law, {"W": 0.01, "W1": 0.01})
+
+
+def test_a_reference_at_rest_and_a_given_error_are_assumed_as_they_are() -> None:
+    scenario = load(configs("paper", "guaranteed"), {REFERENCE: {"amplitude": [0.0, 0.0, 0.0]}})
+    nodes, law = nodes_around(scenario.parameters), scenario.parameters[CONTROLLER]
+    assumed = assumptions_from(nodes, law, {"e_W": 1e-3})
+    assert (assumed.W, assumed.W1, assumed.W2, assumed.e_W) == (0.0, 0.0, 0.0, 1e-3)
 
 
 @pytest.mark.parametrize(
