@@ -41,7 +41,7 @@ from synthetic import SAMPLED, normal_run, without_columns
 
 from ppc_attitude.bags import storage
 from ppc_attitude.bags.errors import BagError
-from ppc_attitude.bags.folder import Source
+from ppc_attitude.bags.folder import Bag, Source
 from ppc_attitude.bags.foreign import Allowance
 from ppc_attitude.bags.mcap_source import McapSource
 from ppc_attitude.bags.reader import read_run
@@ -92,6 +92,31 @@ def test_what_is_no_bag_is_refused_by_name(tmp_path: Path) -> None:
     refused(tmp_path / "gone", "is no bag: it holds no")
 
 
+def test_a_file_that_goes_while_a_bag_is_read_is_told(tmp_path: Path) -> None:
+    write_run(RUN, tmp_path / "bag")
+    bag = Bag(tmp_path / "bag")
+    storage_file(tmp_path / "bag").unlink()
+    with pytest.raises(BagError, match="bag cannot be read: No such file"):
+        next(bag.blocks())
+
+
+def test_a_database_without_a_copy_of_the_metadata_is_read(tmp_path: Path) -> None:
+    """That copy came with ROS 2 Iron."""
+    write_run(RUN, tmp_path / "bag", storage="sqlite3")
+    with database_of(tmp_path / "bag") as database:
+        database.execute("DROP TABLE metadata")
+    assert_same(read_run(tmp_path / "bag"), RUN)
+
+
+def test_a_message_that_is_packed_otherwise_than_others_is_refused(tmp_path: Path) -> None:
+    write_run(RUN, tmp_path / "bag", storage="sqlite3")
+    with database_of(tmp_path / "bag") as database:
+        first = "messages SET data = ? WHERE id = 1"
+        database.execute(f"UPDATE {first}", (zstandard.compress(b"message"),))
+    with pytest.raises(BagError, match="zstd cannot unpack it"):
+        read_run(tmp_path / "bag")
+
+
 def test_a_database_of_other_texts_is_refused(tmp_path: Path) -> None:
     """Messages that pass through its texts would have other bytes."""
     write_run(RUN, tmp_path / "bag", storage="sqlite3")
@@ -117,6 +142,10 @@ def test_a_database_of_other_texts_is_refused(tmp_path: Path) -> None:
         (
             "messages SET timestamp = 'x' WHERE id = 1007",
             "a message after message 1000 lacks a part, or has a topic or time that is no integer",
+        ),
+        (
+            "messages SET data = 'ü' WHERE id = 1007",  # a text is measured in letters
+            "a message after message 1000 has another length than it says",
         ),
     ],
 )

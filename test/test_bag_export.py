@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Ask
 from craft_helpers import case
 from synthetic import normal_run
 
@@ -30,6 +31,7 @@ from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.export import export, export_csv, export_parquet
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
+from ppc_attitude.command_line.commands import export as command
 from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import CONTROLLER
@@ -160,6 +162,15 @@ def test_changes_take_no_more_room_than_is_allowed(
     assert "stranger.text, stranger.p" in written
     assert (tmp_path / f"run.{form}").stat().st_size < 10 * 2**20
     assert export(replace(run, changes=tuple(few)), tmp_path / f"few.{form}") == ""
+
+
+def test_the_command_warns_of_what_the_table_lacks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Ask
+) -> None:
+    write_run(normal_run(duration=0.1), tmp_path / "bag")
+    monkeypatch.setattr(command, "export_csv", lambda *_: "much is left out")
+    told = ask("export", tmp_path / "bag", "--csv", tmp_path / "run.csv")
+    assert told.err == "warning: much is left out\n"
 
 
 def test_missing_pyarrow_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -31,7 +31,6 @@ from rosbags.rosbag2 import Reader
 from synthetic import SAMPLED, normal_run
 
 from ppc_attitude.bags.run_writer import write_run
-from ppc_attitude.bags.storage import ROSBAGS_RANGE
 from ppc_attitude.bags.writer import BagWriter, offered_qos
 from ppc_attitude.contract.cdr import Codec, encode_clock
 from ppc_attitude.contract.declared import TOPICS
@@ -42,7 +41,8 @@ SECOND = 1_000_000_000
 
 
 def test_the_installed_rosbags_is_one_whose_internals_are_known() -> None:
-    assert version("rosbags") in SpecifierSet(ROSBAGS_RANGE)
+    # `bags/storage.py` overrides methods of rosbags' writers; these versions have been tried.
+    assert version("rosbags") in SpecifierSet(">=0.11.9,<0.12")
 
 
 def test_metadata_field_by_field(tmp_path: Path, storage: str) -> None:

@@ -278,6 +278,7 @@ def test_a_parameter_that_no_node_can_have_is_left_out(value: str) -> None:
 @pytest.mark.parametrize(
     "inner",
     [
+        "}[",
         '"samples": [1]',
         '"samples": {"a": [[1]]}',
         '"metadata": "a"',

@@ -58,12 +58,12 @@ def pose(attitude: Any) -> Any:
 
 
 def write_typed(path: Path, typed: list[tuple[str, int, Any]]) -> Path:
-    """Messages by absolute topic, receive time and content."""
+    """Messages by absolute topic, receive time and content, in either byte order."""
     with BagWriter(path) as writer:
         for topic, msgtype in {topic: m.__msgtype__ for topic, _, m in typed}.items():
             writer.add_topic(topic, msgtype)
-        for topic, time, m in typed:
-            writer.write(topic, time, serialised(m))
+        for k, (topic, time, m) in enumerate(typed):
+            writer.write(topic, time, serialised(m, little_endian=k % 3 > 0))
     return path
 
 

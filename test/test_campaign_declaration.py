@@ -135,6 +135,11 @@ CONE = {"initial_attitude": {"distribution": "cone", "angle": 4}}
     [
         ({"inertia": 0.1}, "campaign has no inertia; allowed: initial_attitude"),
         (3, "campaign = 3; allowed: a mapping"),
+        (
+            {"parameters": {f"{PLANT}.max torque": 0.1}},
+            "parameters has spacecraft_plant.max torque, which is no real number of a component",
+        ),
+        ({"parameters": 3}, "parameters = 3; allowed: a mapping of NODE.PARAMETER to distribution"),
         ({"rate_noise": "much"}, "rate_noise = 'much'; allowed: finite"),
         ({"rate_noise": True}, "rate_noise = True; allowed: finite"),
         ({"rate_noise": math.nan}, "rate_noise = nan; allowed: finite"),

@@ -32,7 +32,7 @@ from ppc_attitude.campaign.declaration import (
     scenario_of_run,
     stream,
 )
-from ppc_attitude.campaign.distributions import number, on_sphere
+from ppc_attitude.campaign.distributions import direction, number, on_sphere
 from ppc_attitude.campaign.rows import rerun
 from ppc_attitude.campaign.summary import Summary
 from ppc_attitude.campaign.variables import DRAWN, perturbed_inertia
@@ -82,6 +82,7 @@ def numbers(given: Any, count: int = DRAWS) -> np.ndarray:
 def test_a_number_alone_is_fixed() -> None:
     assert set(numbers(3, 5)) == {3.0}
     assert set(numbers({"distribution": "fixed", "value": 2.5}, 5)) == {2.5}
+    assert direction("x", [0.0, 3.0, 4.0])(np.random.default_rng(5)) == (0.0, 0.6, 0.8)
 
 
 @pytest.mark.parametrize(

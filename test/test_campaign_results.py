@@ -52,7 +52,9 @@ from ppc_attitude.campaign.report import write_campaign_report
 from ppc_attitude.campaign.results import FAN_FILE
 from ppc_attitude.campaign.summary import WORST, Fraction, Summary, Tally
 from ppc_attitude.campaign.variables import DRAWN
+from ppc_attitude.command_line.commands.campaign import _exit_code
 from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.processes.exits import RunError
 
 
 @pytest.fixture(scope="module")
@@ -207,6 +209,14 @@ def test_variables_that_decide_come_first() -> None:
     figure = failing_figure(good, bad, DRAWN)  # over the two that vary
     assert figure is not None
     assert len(figure.axes) == 1
+    for run in runs:
+        run["rate_noise"] **= 9.0
+        run["inertia_error"] **= 9.0
+        run["inertia_error"] -= 0.1
+    figure = failing_figure(good, bad, DRAWN)
+    assert figure is not None
+    (axes,) = figure.axes  # of numbers that crowd near zero, where they are positive
+    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "linear")
 
 
 def test_figures_show_what_they_are_given(finished: Finished) -> None:
@@ -244,6 +254,13 @@ def test_report_says_how_to_run_the_worst_again(finished: Finished, tmp_path: Pa
     write_campaign_report(small(), stopped, ["ppc_attitude", "campaign"], path)
     page = path.read_text(encoding="utf-8")
     assert "The campaign was stopped before its end." in page
+    broken = Summary(PAPER, {})
+    broken.add(rows.broken(small(), 4, "<lost>", {}).row)
+    ended = replace(finished, total=1, summary=broken)
+    write_campaign_report(small(), ended, ["ppc_attitude", "campaign"], path)
+    assert "1 runs broke and were not judged; they count as" in path.read_text(encoding="utf-8")
+    with pytest.raises(RunError, match="1 runs broke; the first, run 4: <lost>"):
+        _exit_code(ended)
     assert f"{RUNS} of {RUNS + 1}, " in page
 
 

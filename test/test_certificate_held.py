@@ -329,6 +329,20 @@ def test_a_plant_of_others_may_tell_little_of_itself(plant: dict[str, Any], reas
     assert bool(held.reason) == bool(reason)
 
 
+@pytest.mark.parametrize(
+    ("node", "lost", "reason"),
+    [
+        (CONTROLLER, "momentum_tube.assumed.W2", "the record lacks the parameter"),
+        (PLANT, "wheels.inertia", "wheels.inertia has 2 values"),
+    ],
+)
+def test_numbers_lost_or_impossible_void_the_promise(node: str, lost: str, reason: str) -> None:
+    record = with_parameters(record_of("guaranteed", "wheels"), node, {lost: [0.0, 0.0]})
+    if node == CONTROLLER:
+        del record.parameters[node][lost]
+    assert held_by(record).reason.startswith(reason)
+
+
 def test_a_craft_is_known_where_nothing_is_told_of_its_environment() -> None:
     record = record_of("guaranteed")
     heard = replace(record, parameters={**record.parameters, INJECTOR: {}})

@@ -31,7 +31,8 @@ from ppc_attitude.command_line.environment_load import environment_torque
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.conditions import advisable
 from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND
-from ppc_attitude.science.kinds import ENVIRONMENTS
+from ppc_attitude.science.kinds import ENVIRONMENTS, REFERENCES
+from ppc_attitude.science.references import paper
 from ppc_attitude.simulation.closed_loop import first_instant, simulate
 from ppc_attitude.simulation.scenario import Scenario, load
 
@@ -224,6 +225,16 @@ def test_noise_is_compared_with_the_envelopes_that_the_law_has(
 ) -> None:
     noisy = cubesat.with_values(PLANT, rate_noise=2e-3, attitude_noise=2e-3)
     assert warned(noisy.with_values(CONTROLLER, controller=law)) == warned_of
+
+
+def test_a_reference_without_known_bounds_is_compared_with_nothing(
+    cubesat: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenario = cubesat.with_values(CONTROLLER, controller="log_barrier")
+    assert "rate of the law" in conditions(scenario)
+    unbounded = replace(paper.COMPONENT, motion_bounds=None)
+    monkeypatch.setitem(REFERENCES.components, "paper", unbounded)
+    assert "rate of the law" not in conditions(scenario)
 
 
 def test_a_pulse_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:

@@ -175,6 +175,12 @@ def test_a_loop_refuses_other_components_and_the_timetable_of_another_run() -> N
     short = timetable_of(case, stamps_of(100.0, 0.5))
     with pytest.raises(ConfigurationError, match=r"timetable of shape .*, 51.; allowed: .*, 101."):
         Loop(case, stamps, short).run(case)
+    wrong = case.overlaid({"spacecraft_plant": {"initial_attitude": [0.0, 0.0, 0.0, 2.0]}})
+    for begin in (lambda: simulate(wrong, 1.0), lambda: Loop(case, stamps).run(wrong)):
+        with pytest.raises(
+            ConfigurationError, match=r"^spacecraft_plant: initial_attitude = .* norm 2"
+        ):
+            begin()
     whole = Loop(case, stamps, timetable_of(case, stamps)).run(case)
     assert np.array_equal(whole["attitude"], simulate(case, 1.0)["attitude"])
 

@@ -194,6 +194,7 @@ WRONG = [
     ("design --seconds 5", "--seconds is for a search: --controller ppc or quaternion_feedback"),
     ("design --controller ppc --gains 1 15 0.2", "--gains is for momentum_tube"),
     ("design --controller ppc --campaign own.yaml --rate 0", "--rate is for a search"),
+    ("design --assume abc", "abc: allowed is NAME=VALUE with a NAME of dead_band"),
     ("design --assume eta=abc", "argument --assume: eta = abc; allowed: finite"),
     ("design --accuracy 5", "argument --accuracy: 5; allowed: finite, ≥ 1e-09, ≤ 1"),
     ("latency --live --config own.yaml", "--config is for a stack of its own, without --live"),

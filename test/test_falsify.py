@@ -85,6 +85,19 @@ def test_every_choice_keeps_its_bounds() -> None:
     assert late == {True, False}
 
 
+def test_what_an_error_makes_of_a_plate_is_a_body() -> None:
+    """No plane body has a larger moment about its normal."""
+    plate = space_of().base.with_values(PLANT, inertia=[1.0, 0, 0, 0, 1.0, 0, 0, 0, 2.0])
+    space = replace(space_of(), base=plate)
+    random, found = np.random.default_rng(2), set()
+    for _ in range(20):
+        inertia = space.choice(random.normal(size=space.size))[PLANT]["inertia"]
+        x, y, z = np.linalg.eigvalsh(np.reshape(inertia, (3, 3)))
+        assert x + y >= z * (1 - 1e-9)
+        found.add(tuple(inertia))
+    assert len(found) > 1
+
+
 def test_an_interrupted_search_goes_on_to_the_same_result(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -116,6 +129,14 @@ def test_a_folder_of_another_search_is_refused(tmp_path: Path) -> None:
     search(space_of(duration=2.0), tmp_path, 20)
     with pytest.raises(ConfigurationError, match="belongs to another search"):
         search(space_of(duration=3.0), tmp_path, 20)
+    history = (tmp_path / HISTORY).read_text()
+    for answers, told in (
+        ("[]", r"has a generation of 0 runs; allowed: \d+"),
+        ("{", "is no history"),
+    ):
+        (tmp_path / HISTORY).write_text(f"{history}{answers}\n")
+        with pytest.raises(ConfigurationError, match=f"{HISTORY} {told}"):
+            search(space_of(duration=2.0), tmp_path, 99)
 
 
 def test_what_nothing_selected_has_is_no_part_of_a_search() -> None:
@@ -228,8 +249,11 @@ def test_the_environment_knows_the_inertia_of_the_worst_case(tmp_path: Path, ask
 
 def test_an_option_that_chose_the_law_is_in_the_worst_case(tmp_path: Path, ask: Ask) -> None:
     """Else the file, run with the same configuration, was a run of the paper's law."""
-    told = ["--controller=quaternion_feedback", "--duration=5", "--runs=1", "--pieces=0"]
-    ask("falsify", f"--config={PAPER}", *told, f"--out={tmp_path}")
+    told = ["--controller=quaternion_feedback", "--duration=5", "--pieces=1", "--disturbance=0.01"]
+    told += [f"--config={PAPER}", f"--out={tmp_path}"]
+    short = ask("falsify", *told, "--seconds=1e-9", code=2).err
+    assert "--seconds 1e-09; allowed: enough for one generation of runs" in short
+    ask("falsify", *told, "--runs=1")
     assert load([PAPER, tmp_path / "worst.yaml"]).controller.name == "quaternion_feedback"
 
 
@@ -243,6 +267,7 @@ def test_error_and_rate_are_the_true_ones() -> None:
         Rotation.from_quat(record[name]) for name in ("reference_attitude", "truth_attitude")
     )
     error = np.abs((desired.inv() * attitude).as_quat()[:, :3]).max(axis=1)
+    assert Goal("settling", accuracy=1.0).value(record, base.controller) == 0.0  # it always is
     last = error[record.stamps_ns >= record.stamps_ns[-1] - 20 * 10**9].max()
     assert Goal("terminal").value(record, base.controller) == pytest.approx(last, rel=1e-12)
 
@@ -326,7 +351,11 @@ def test_what_no_craft_can_fly_is_refused_before_the_search(
         ({}, {"initial_attitude": "so3"}, "plant = bare has no parameter initial_attitude"),
         ({"e_S": 0.1}, {"inertia_error": 0.1}, "inert.*: plant = bare has no parameter inertia"),
         ({"begin": 3.0}, {}, "begin of the reference: mode = goal has no parameter begin"),
-        ({"eta": 0.5}, {"actuator_strength": 0.5}, "actuator = ideal declares no limits"),
+        (
+            {"eta": 0.5},
+            {"actuator_strength": 0.5},
+            "strength = 0.5; .* actuator = ideal has no limits",
+        ),
     ],
 )
 def test_what_no_component_has_is_not_varied(

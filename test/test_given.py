@@ -111,6 +111,21 @@ def test_what_nodes_take_stays(of: Column, told: tuple[float, ...]) -> None:
     assert part.raised() == ""
 
 
+@kernel
+def step_once(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    for i in range(3):
+        outputs.given[i] = 0.0 if state.done else math.nan
+    state.done = True
+
+
+def test_what_a_step_gives_only_at_first_is_no_reason_that_shows_later() -> None:
+    done = np.dtype([("done", np.bool_)])
+    part = Part(Component(name="once", state=done, outputs=(column(VECTOR),), step=step_once), {})
+    part.step(0)
+    assert math.isnan(row(part)[0])
+    assert part.raised() == ""
+
+
 @pytest.mark.parametrize(("of", "told", "text"), REFUSED)
 def test_what_no_node_takes_is_none_and_is_named(
     of: Column, told: tuple[float, ...], text: str

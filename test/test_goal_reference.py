@@ -242,6 +242,9 @@ def timed_points(number: int) -> list[float]:
 
 def test_timed_profile_of_a_scenario_is_flown_through_its_points() -> None:
     timed = flight(**goals((2.0, "profile", STRAIGHT)), goals__points=timed_points(0))
+    barred = timed.with_values(REFERENCE, **cones(([0.0, 0.0, 1.0], "0 0 2", 3.1)))
+    told = goals_told(barred)[-1].advice.text
+    assert told.startswith("order 1 is refused: the goal is inside keep-out cone 0, 54.06° from")
     record = simulate(timed, 185.0)
     q = record.columns["reference_attitude"]
     rates = np.linalg.norm(record.columns["reference_angular_velocity"], axis=1)

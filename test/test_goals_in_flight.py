@@ -29,6 +29,7 @@ from geometry_msgs.msg import PoseStamped, Quaternion, Transform, Twist, Vector3
 from guidance_helpers import guided
 from peer import Beside, living
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
@@ -45,7 +46,7 @@ from ppc_attitude.contract.topics import (
     Topic,
 )
 from ppc_attitude.nodes.goto import Answer, go_to
-from ppc_attitude.nodes.guidance_desk import ASKED
+from ppc_attitude.nodes.guidance_desk import ASKED, GuidanceDesk
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
 from ppc_attitude.science.errors import ConfigurationError
@@ -238,7 +239,9 @@ def test_of_a_stream_of_timed_profiles_only_those_of_orders_that_are_kept_are(
     assert again == flown(orders[:1], [0.0, 50.0], profiles), "that of the schedule"
 
 
-def test_bad_goals_are_refused_and_the_present_one_goes_on(pilot: Pilot) -> None:
+def test_bad_goals_are_refused_and_the_present_one_goes_on(
+    pilot: Pilot, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pilot.state(0.0)
     pilot.pose(GOAL)
     pilot.state(1.0)
@@ -258,6 +261,7 @@ def test_bad_goals_are_refused_and_the_present_one_goes_on(pilot: Pilot) -> None
     turning = MultiDOFJointTrajectoryPoint(transforms=[Transform()])
     turning.accelerations = [Twist(angular=Vector3(x=1.0))]
     turning.time_from_start.sec = 60
+    twice = MultiDOFJointTrajectoryPoint(transforms=[Transform()], accelerations=[Twist()] * 2)
     for joints, body, reason in (
         (["wing"], [one, one], "joint_names = ['wing']; allowed: ['body']"),
         (["body"], [one], "a trajectory of 1 points; allowed: 2 to 40"),
@@ -265,6 +269,7 @@ def test_bad_goals_are_refused_and_the_present_one_goes_on(pilot: Pilot) -> None
         (["body"], [one, soon], "times of the points are [100000000.0, 100000000.0]; allowed"),
         (["body"], [one, turning], "point 1 is in motion: "),
         (["body"], [empty, one], "point 0 has 0 transforms; allowed: 1"),
+        (["body"], [twice, one], "point 0: accelerations has 2 entries; allowed: up to 1"),
     ):
         pilot.give(GOAL_TRAJECTORY, MultiDOFJointTrajectory(joint_names=joints, points=body))
         assert pilot.hears(f"refused goal_trajectory: {reason}").level == DiagnosticStatus.WARN
@@ -272,8 +277,28 @@ def test_bad_goals_are_refused_and_the_present_one_goes_on(pilot: Pilot) -> None
     elsewhere.header.frame_id = "nadir"
     pilot.give(GOAL_TRAJECTORY, elsewhere)
     pilot.hears("refused goal_trajectory: frame_id = 'nadir'; allowed: 'inertial'")
+    monkeypatch.setattr("ppc_attitude.science.guidance.orders._MOST", 0)
+    refused = pilot.hold()
+    assert not refused.success
+    assert refused.message == "0 orders wait; allowed: no more at a time"
     orders = [goal_order(nanoseconds(1.0), "inertial", GOAL)]
     assert pilot.state(6.0) == flown(orders, [0.0, 1.0, 6.0])[-1]
+
+
+def test_limits_that_change_in_flight_leave_the_goals(
+    pilot: Pilot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pilot.state(0.0)
+    pilot.pose(GOAL)
+    pilot.state(1.0)
+    assert pilot.node.set_parameters([Parameter("guidance.max_rate", value=1e-3)])[0].successful
+    assert (
+        pilot.state(6.0) == flown([goal_order(nanoseconds(1.0), "inertial", GOAL)], [1.0, 6.0])[-1]
+    )
+    (record,) = pilot.node.chain.parts[0].configuration
+    assert (record["limits"]["max_rate"], record["orders"]) == (1e-3, 1)
+    monkeypatch.setattr(GuidanceDesk, "concern", "turns too fast")
+    assert pilot.node.status().summary == "the desired motion turns too fast"
 
 
 def test_goto_prints_the_answer_that_is_its_own(

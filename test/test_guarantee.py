@@ -243,6 +243,7 @@ def test_a_changed_number_voids_the_certificate(
         '[{"name": "C0", "left": [1], "right": [1, 2]}]}',
         '{"digest": "", "accuracy": NaN, "promises": []}',
         '{"digest": "", "accuracy": 1e400, "promises": []}',
+        '{"digest": "", "accuracy": 2, "promises": [], "terminal_error": 0, "inequalities": []}',
         '{"digest": "", "accuracy": 0.1, "promises": 5}',
         '{"digest": "", "accuracy": 0.1, "promises": [{"rate": 1}]}',
         '{"digest": "", "accuracy": 0.1, "promises": [{"rate": 1, "time": "\\u001b"}]}',
@@ -289,6 +290,9 @@ def test_a_certificate_with_any_other_number_is_found_out() -> None:
     del stored["inequalities"][-1]
     time, *others = differences(stored, proved("guaranteed"))
     assert re.fullmatch(r"it promises .* s from .* deg/s, [0-9.]+ s can be promised", time)
+    proof = proved("guaranteed")
+    wrong = replace(proof, inequalities=(replace(proof.inequalities[0], holds=False),))
+    assert differences(stored, wrong)[0] == "these inequalities do not hold: C0"
     assert others == [
         "it promises 4.36e-05 in the end, 0.000436 can be promised",
         "it has other numbers than those that are proved: C1 x, C13 φ1; one of an earlier version "

@@ -23,6 +23,7 @@ from craft_helpers import case, guaranteed
 from scipy.spatial.transform import Rotation
 from test_closed_loop import POWERS, factor
 
+from ppc_attitude.command_line import guarantee_view
 from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.science.controllers.brake import axis_rate, capped_brake, deceleration
 from ppc_attitude.science.controllers.tube_parameters import PARAMETERS
@@ -151,3 +152,18 @@ def test_a_known_reference_is_followed_until_a_slow_craft_has_settled(
         )
         times.append(bound.time(0.0, 5e-3))
     assert times[1] == pytest.approx(16.0 * times[0], rel=1e-3)
+
+
+def test_cells_that_settle_late_are_divided_and_lose_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(guarantee_view, "balls", lambda: FLOATS)
+    monkeypatch.setattr(guarantee_view, "RATES", ())
+    judged = guarantee_view.Judgement(case("guaranteed_ahead"), [])
+    times = []
+    for faces in ((12,), (6, 12), (6,)):
+        monkeypatch.setattr(known_reference, "_FACES", faces)
+        (told,) = judged.of_reference([0.0])
+        times.append(float(told.partition("from t = ")[2].partition(" s on, for every")[0]))
+    fine, divided, coarse = times
+    assert fine <= divided < coarse < 101.97  # of any reference

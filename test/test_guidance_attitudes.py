@@ -13,9 +13,12 @@
 # limitations under the License.
 
 import math
+from contextlib import nullcontext
+from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Ask
 from guidance_helpers import same_sign
 from scipy.spatial.transform import Rotation
 
@@ -59,3 +62,25 @@ def test_first_axis_points_and_the_second_is_as_near_as_it_can() -> None:
 def test_parallel_or_no_directions_are_refused(vectors: tuple[list[float], ...]) -> None:
     with pytest.raises(ConfigurationError, match="allowed: finite, and at least 6°"):
         from_vectors(*vectors)
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        ("--quaternion", 0, 0, 0.6, 0.8),
+        ("--euler", 0, 0, math.degrees(math.acos(0.28))),
+        ("--vectors", 2, 0, 0, 0.28, 0.96, 0, 0, 0, 1, 0, 0, 3),
+    ],
+)
+def test_the_command_takes_an_attitude_in_each_form(
+    form: tuple[Any, ...], monkeypatch: pytest.MonkeyPatch, ask: Ask
+) -> None:
+    goto = pytest.importorskip("ppc_attitude.nodes.goto")
+
+    def answered(node: Any, attitude: Any, *_: Any) -> Any:
+        assert attitude == pytest.approx((0.0, 0.0, 0.6, 0.8), abs=1e-15)
+        return goto.Answer("it turns", followed=True)
+
+    monkeypatch.setattr("ppc_attitude.nodes.visiting.visiting", lambda *_: nullcontext())
+    monkeypatch.setattr(goto, "go_to", answered)
+    assert ask("goto", *form).out == "it turns\n"

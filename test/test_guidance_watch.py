@@ -305,6 +305,8 @@ BAD_ELEMENTS = {
             ("no number", ("51.6416", "  .    "), "not convert string to float"),
             ("no motion", ("15.49815380", " 0.00000000"), "gives no orbit"),
             ("two craft", ("2 25544", "2 25545"), "do not match"),
+            ("far", ("15.49815380", " 0.00010000"), r"gives a height of .* m; allowed: ≤ 1e\+09"),
+            ("decayed", ("15.49815380", "17.99815380"), "gives no orbit: mrt is less than 1.0"),
             ("below ground", ("0006703", "0706703"), "perigee is -.* m above"),
         )
     },

@@ -62,6 +62,8 @@ MISFITS = {
         "unnamed_number": "parameter '' with description = 'x', unit = ''; allowed: a name of",
         "undescribed": "parameter 'z' with description = None, unit = ''; allowed: a name of",
         "far": "allowed: a name of letters, digits and _, and a relative topic",
+        "cubic": "column mine: form = 'cube'; allowed: ",
+        "of_four": "column mine: width = 4; allowed for a vector: ",
         "giver": "",
     },
     "plants": {

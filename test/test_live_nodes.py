@@ -29,6 +29,7 @@ from geometry_msgs.msg import WrenchStamped
 from peer import Beside, Peer, last_torque, living, peer
 from process_helpers import ENDLESS, LOCKSTEP, Node, Run, end_all, loop_nodes, pace, plans, until
 from rcl_interfaces.msg import ParameterEvent
+from rclpy.parameter import Parameter
 from rosbags.highlevel import AnyReader
 from std_srvs.srv import SetBool, Trigger
 from test_health import INSTANT, UNIT
@@ -284,6 +285,14 @@ def test_parameters_in_flight_are_refused_with_reasons_or_act_and_are_replayed_a
     told = {("k", 0.9), ("max_torque", 0.02)}
     assert changed_by_user == {(f"/{CONTROLLER}", *each) for each in told}
     assert [each.largest for each in replay(record).found] == [0.0] * 5
+
+
+def test_an_environment_that_tells_other_topics_is_not_taken_in_flight() -> None:
+    with living(DisturbanceInjector) as node:
+        (answer,) = node.set_parameters([Parameter("environment", value="orbit")])
+        assert not answer.successful
+        assert "orbit, pulses would read or publish other topics than now" in answer.reason
+        assert "restart the node with this selection" in answer.reason
 
 
 def switch(stack: Peer, enabled: bool) -> None:

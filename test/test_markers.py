@@ -200,6 +200,11 @@ def test_no_picture_of_nonsense(make_scene: Callable[..., Scene]) -> None:
     scene.show(ATTITUDE, QUARTER_TURN, 2 * STAMP_NS)
     assert scene.picture()["craft", 0].header.stamp.sec == 3
     assert len(scene.drawn) == 1
+    scene.show(ATTITUDE, QUARTER_TURN)  # time has begun again
+    assert scene.picture()["craft", 0].header.stamp.sec == 1
+    said = Status(OK, "", {"goal in inertial axes": "north"})
+    scene.node._on_guidance(diagnostics(STAMP_NS, "/it", "guidance", said))
+    assert scene.node.health.refused[GUIDANCE_STATUS.name] == 1
 
 
 def test_a_rate_that_is_set_acts_at_once(make_scene: Callable[..., Scene]) -> None:

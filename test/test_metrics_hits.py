@@ -32,6 +32,7 @@ from synthetic import (
 from test_metrics import constant_error
 
 from ppc_attitude.analysis.metrics import Verdict
+from ppc_attitude.analysis.requirements import PAPER
 from ppc_attitude.analysis.verdict import torque_text
 from ppc_attitude.command_line.verdict_view import verdict_table
 from ppc_attitude.contract.run_record import Change
@@ -143,6 +144,13 @@ def test_what_comes_in_the_time_to_recover_is_no_error_after_the_deadline(last_b
     """The last instant of that time is in it, and it may begin before the deadline."""
     row = requirement(Verdict(hit_with_error(last_bad, start)), "error_after_deadline")
     assert (row.met, row.without) == (True, ((start, start + 10.0),))
+
+
+def test_where_every_instant_is_in_the_time_to_recover_no_error_is_judged():
+    verdict = Verdict(hit_run(), replace(PAPER, recovery=150.0))
+    row = requirement(verdict, "error_after_deadline")
+    told = "every instant from 60 to 120 s is within 150 s of a sudden disturbance"
+    assert (row.met, row.reason) == (None, told)
 
 
 @pytest.mark.parametrize("start", [30.0, 60.0])  # before the deadline, and at it

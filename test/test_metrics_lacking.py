@@ -31,6 +31,7 @@ from synthetic import (
     with_rows,
     without_columns,
 )
+from test_metrics import constant_error
 
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import PAPER, Accuracy
@@ -194,12 +195,14 @@ TANK = "tank (thrusters.fuel"
         *(("wheel_speed", LIMITS, {"wheels.max_speed": x}) for x in ([], "fast", [628.3] * 9)),
         ("fuel", TANK, {}),
         *(("fuel", TANK, {"thrusters.fuel": x}) for x in ("full", math.nan)),
+        ("momentum", "parameters of the wheels (wheels.inertia", {}),
     ],
 )
 def test_what_nobody_can_read_of_the_plant_is_not_judged(key, what, plant):
     rows = np.full((12001, 4), 600.0)
     run = with_columns(normal_run(), wheel_speed=rows, fuel_used=rows[:, :1])
-    judged = requirement(Verdict(replace(run, parameters={"spacecraft_plant": plant})), key)
+    run, required = replace(run, parameters={"spacecraft_plant": plant}), replace(PAPER, momentum=1)
+    judged = requirement(Verdict(run, required), key)
     assert (judged.met, judged.reason) == (None, f"no {what} of spacecraft_plant) on record")
 
 
@@ -262,9 +265,14 @@ def test_nobody_knows_when_in_a_gap_the_craft_has_recovered(gap, value, met, tol
     assert (row.value, row.met, row.note) == (value, met, told)
 
 
-@pytest.mark.parametrize("gap", [(82, 101), (79, 101)])
-def test_nobody_knows_whether_the_craft_recovered_before_the_next_hit(gap):
-    row = requirement(Verdict(with_gap(hit_run(hits=(80.0, 100.0)), *gap)), "recovery")
+@pytest.mark.parametrize(
+    ("gap", "error"), [((82, 101), 1.0), ((79, 101), 1.0), ((80.05, 101), 1e-5)]
+)
+def test_nobody_knows_whether_the_craft_recovered_before_the_next_hit(gap, error):
+    run = hit_run(hits=(80.0, 100.0))
+    if error < 1.0:  # as small as it still is amid a short hit
+        run = constant_error(run, np.full(run.t.size, error))
+    row = requirement(Verdict(with_gap(run, *gap)), "recovery")
     assert (row.met, row.reason) == (None, NOTHING(*gap))
 
 

@@ -281,6 +281,10 @@ def test_a_type_that_ros_does_not_have_and_an_unknown_name_are_refused_by_name(
                 (each,) = answer.results if kind is SetParameters else [answer.result]
                 assert not each.successful
                 assert each.reason.startswith(reason)
+        known = [Parameter(name="max_torque", value=ParameterValue(type=3, double_value=0.04))]
+        request = SetParametersAtomically.Request(parameters=known)
+        answer = ask(asker, f"/{PLANT}", SetParametersAtomically, service, request)
+        assert answer.result.successful
 
 
 @pytest.mark.parametrize("node", [INJECTOR, PLANT])

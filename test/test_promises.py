@@ -18,15 +18,18 @@ import math
 from dataclasses import replace
 from functools import cache
 from itertools import product as pairs
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from craft_helpers import configs, guaranteed, pulse
-from test_guarantee import complete, values_of
+from conftest import Ask
+from craft_helpers import case, configs, guaranteed, overlay, pulse
+from test_guarantee import broken, complete, values_of
 
 from ppc_attitude.analysis.guarantee import nodes_around
 from ppc_attitude.analysis.truth import pointing_errors
+from ppc_attitude.command_line import guarantee_view
 from ppc_attitude.command_line.guarantee_view import (
     Judgement,
     promise_lines,
@@ -34,6 +37,7 @@ from ppc_attitude.command_line.guarantee_view import (
 )
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.attitude import product, unit_quaternion
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guarantee import design
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import (
@@ -49,8 +53,9 @@ from ppc_attitude.science.guarantee.certificate import Certificate, Promise, cer
 from ppc_attitude.science.guarantee.design import Wishes, designed
 from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.guarantee.fixed_point import InfeasibleError, tuned
-from ppc_attitude.science.guarantee.surroundings import suspensions
+from ppc_attitude.science.guarantee.surroundings import assumptions_from, suspensions
 from ppc_attitude.science.guidance.rotation import about
+from ppc_attitude.science.kinds import ENVIRONMENTS, REFERENCES, Kind
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
 
@@ -226,6 +231,42 @@ def test_a_refusal_shows_numbers_that_fail(share: float) -> None:
     assert refusal.value.failing.room < 0.0
 
 
+@pytest.mark.parametrize(
+    ("changed", "kappa", "told"),
+    [
+        ({"d": 0.06}, 15.4, "C2: the torque exceeds the disturbance"),
+        ({"late": 1.0}, 60.0, "C1: the tube is finite"),
+        ({"W1": 0.02}, 15.4, "C3: feedforward and tube leave torque to brake with"),
+    ],
+)
+def test_a_refusal_tells_what_is_too_much(
+    changed: dict[str, float], kappa: float, told: str
+) -> None:
+    assumed, law = guaranteed()
+    with pytest.raises(InfeasibleError) as refusal:
+        tuned(replace(assumed, **changed), law.h, (law.k, kappa, law.ell), COARSE)
+    failing = refusal.value.failing
+    assert f"{failing.name}: {failing.meaning}" == told
+
+
+def test_of_a_start_that_is_too_fast_or_a_law_that_is_wrong_nothing_is_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(guarantee_view, "balls", lambda: FLOATS)
+    monkeypatch.setattr(guarantee_view, "RATES", ())
+    judged = Judgement(load(configs("paper", "guaranteed")), [])
+    assert len(judged.of_start(1.0, 0.01)) == 1
+    assert judged.of_start(1.0, 0.2) == []
+    wrong = {CONTROLLER: {"momentum_tube.Y": [1e-5, 1e-5, 1e-5]}}
+    lines = Judgement(load(configs("paper", "guaranteed"), wrong), []).lines()
+    assert any(line.startswith("  not proved: C1 x, C1 y, C1 z") for line in lines)
+
+
+def test_an_accuracy_within_the_tube_is_never_promised() -> None:
+    with pytest.raises(ValueError, match=r"\|q_ev,i\| < 1e-09 is never guaranteed: the tube leads"):
+        certify(values_of(), 1e-9, (0.0,), FLOATS)
+
+
 OMEGA_D = math.radians(0.7072)  # ‖ω_d(0)‖ of the paper's reference, for a craft at rest
 
 
@@ -311,3 +352,48 @@ def test_what_is_promised_is_told_as_no_more_than_is_proved() -> None:
     assert "from t = 91.75 s on" in exact
     assert end.endswith("≤ 0.0013 in the end")
     assert time_text(71.1701) == "71.18"
+
+
+SLOW = {"mode": "goal", "guidance.max_rate": 1e-3}
+SLOW |= {"guidance.max_acceleration": 1e-6, "guidance.max_jerk": 1e-7}
+
+
+@pytest.mark.parametrize(
+    ("kind", "hook", "told", "bound"),
+    [
+        (REFERENCES, "motion_bounds", "mode = paper", "W2"),
+        (ENVIRONMENTS, "bound", "environment = paper", "d"),
+    ],
+)
+def test_of_what_has_no_known_bounds_nothing_is_promised(
+    kind: Kind, hook: str, told: str, bound: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unbounded = replace(kind.components["paper"], **{hook: None})
+    monkeypatch.setitem(kind.components, "paper", unbounded)
+    scenario = case("guaranteed")
+    assert broken(scenario) == [f"{told}: whether it keeps the assumed bounds is not known"]
+    nodes, law = nodes_around(scenario.parameters), scenario.parameters[CONTROLLER]
+    with pytest.raises(ConfigurationError, match=f"{told} tells no bound {bound}: give it with"):
+        assumptions_from(nodes, law, {"W": 0.01, "W1": 0.01})
+
+
+def test_a_reference_at_rest_and_a_given_error_are_assumed_as_they_are() -> None:
+    scenario = load(configs("paper", "guaranteed"), {REFERENCE: {"amplitude": [0.0, 0.0, 0.0]}})
+    nodes, law = nodes_around(scenario.parameters), scenario.parameters[CONTROLLER]
+    assumed = assumptions_from(nodes, law, {"e_W": 1e-3})
+    assert (assumed.W, assumed.W1, assumed.W2, assumed.e_W) == (0.0, 0.0, 0.0, 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("node", "values", "option", "told"),
+    [
+        (REFERENCE, SLOW, ("--known-reference",), "mode = goal; allowed with --known-reference: p"),
+        (PLANT, {"rate": 50.0}, ("--known-reference",), "so no time is guaranteed"),
+        (PLANT, {"rate": 50.0}, ("--hit", "0.5", "0.1"), "so no recovery is guaranteed"),
+    ],
+)
+def test_what_is_asked_where_nothing_can_be_told_is_refused(
+    node: str, values: dict[str, Any], option: tuple[str, ...], told: str, tmp_path: Path, ask: Ask
+) -> None:
+    files = [*configs("paper", "guaranteed"), overlay(tmp_path / "own.yaml", {node: values})]
+    assert told in ask("check", *(f"--config={file}" for file in files), *option, code=2).err

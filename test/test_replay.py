@@ -171,6 +171,14 @@ def test_fixes_at_other_times_than_the_estimator_says_are_not_replayed() -> None
     assert left_out == (f"mekf: star_tracker/attitude {told}",)
 
 
+def test_an_estimator_is_replayed_past_a_fix_of_an_instant_that_is_not_on_record() -> None:
+    record = simulate(estimated(), 2.0)
+    instants = np.delete(np.arange(record.stamps_ns.size), 100)
+    found = replay(part_of(record, instants))
+    (mekf_alone,) = (each for each in found.others if each.component == "mekf")
+    assert mekf_alone.skipped == 1
+
+
 def test_an_estimator_is_not_replayed_without_a_fix_that_was_due() -> None:
     """Sensors that give none where they see nothing are not told from a message that was lost."""
     record = simulate(estimated(), 2.0)
@@ -200,10 +208,11 @@ def test_a_component_that_differs_without_a_value_on_record_is_left_out() -> Non
         assert all(each.largest == 0.0 for each in found.found)
 
 
-def test_an_estimator_of_two_late_columns_is_for_the_loop_alone() -> None:
+def test_an_estimator_of_two_late_columns_or_of_one_alone_is_for_the_loop_alone() -> None:
     told = replace(STAR_FIX, name="told", topic="told")
-    with pytest.raises(ConfigurationError, match="mekf reads star_fix, told, which come late; al"):
-        check_slots(replace(mekf.COMPONENT, inputs=(*mekf.COMPONENT.inputs, told)))
+    for inputs, names in (((*mekf.COMPONENT.inputs, told), "star_fix, told"), ((told,), "told")):
+        with pytest.raises(ConfigurationError, match=f"mekf reads late {names}; allowed between n"):
+            check_slots(replace(mekf.COMPONENT, inputs=inputs))
 
 
 def changed_in_flight(
@@ -334,6 +343,8 @@ def test_the_command_names_a_law_that_is_not_installed_and_replays_the_rest(
     assert told.count("not installed here, so left out: controller = theirs\n") == 1
     assert "warning: not installed: controller = theirs; columns that only these give" in said
     assert "not installed here, so left out: theirs.gain" in told
+    write_run(without_columns(record, "reference_angular_velocity"), tmp_path / "less")
+    assert "not replayed: paper: no messages of " in ask("replay", tmp_path / "less").out
     page = ask("replay", tmp_path / "bag", "--json").json
     assert list(page) == described("replay")
     assert page["largest_difference"] is page["steps"] is None

@@ -95,3 +95,6 @@ def test_earths_shadow_is_the_truths() -> None:
     lit = [lit_fraction(tuple(r), tuple(sun)) for r, sun in zip(craft, suns, strict=True)]
     assert np.abs(lit - truth["lit"]).max() < 6e-9
     assert {0.0, 1.0} < set(lit)  # all of it, none of it, and parts
+    # Beyond 1.4e9 m Earth is smaller than the Sun, and hides the middle of it.
+    ring = 1.0 - (6378137.0 / 2e9 * (1.496e11 + 2e9) / 6.957e8) ** 2
+    assert lit_fraction((-2e9, 0.0, 0.0), (1.496e11, 0.0, 0.0)) == pytest.approx(ring, rel=1e-5)

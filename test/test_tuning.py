@@ -175,6 +175,10 @@ def test_design_writes_gains_and_says_that_they_are_no_guarantee(
     assert values[GAIN] == 0.1
     assert math.isfinite(values["quaternion_feedback.damping"])
     assert "check warns" not in told
+    declared = tmp_path / "varies.yaml"
+    declared.write_text(f"campaign: {{parameters: {{{CONTROLLER}.{GAIN}: 0.2}}}}\n")
+    varies = ["--config", craft, *law[:4], "--campaign", declared]
+    assert f"the campaign varies {GAIN}" in ask("design", *varies, code=2).err
     law[1] = "ppc"  # with the D_m of another craft
     told = ask("design", "--config", craft, *law, code=1).out
     assert "warning: check warns of these gains: loop margin, torque at rest" in told

@@ -16,8 +16,13 @@
 
 import io
 from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import replace
+from types import SimpleNamespace
+from unittest import mock
 
 import pytest
+from conftest import Ask
 from process_helpers import until
 from rich.console import Console
 
@@ -33,6 +38,7 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
     Topic,
 )
+from ppc_attitude.nodes import onlooker
 from ppc_attitude.nodes.messages import diagnostics, publisher_of
 from ppc_attitude.nodes.onlooker import Onlooker, Snapshot
 from ppc_attitude.nodes.visiting import listening, no_state, visiting
@@ -94,6 +100,22 @@ def test_before_the_first_estimate_there_is_no_share_of_an_envelope() -> None:
     row = line_with("rate [°/s] x", lines(Snapshot(samples={**SNAPSHOT.samples, **samples})))
     assert "+0.000e+00" in row
     assert "%" not in row
+
+
+def test_the_picture_is_drawn_anew_until_the_user_ends_it(
+    monkeypatch: pytest.MonkeyPatch, ask: Ask
+) -> None:
+    """In a terminal that is too low for all of it, the brief one."""
+    many = {f"/node_{k}": Status(OK, "running", {"steps": "3"}) for k in range(40)}
+    low = replace(SNAPSHOT, health=many)
+    look = mock.Mock(side_effect=[Snapshot(), SNAPSHOT, low, KeyboardInterrupt])
+    for name in ("visiting", "listening"):
+        monkeypatch.setattr(f"ppc_attitude.nodes.visiting.{name}", lambda *_: nullcontext())
+    monkeypatch.setattr(onlooker, "Onlooker", lambda *_: SimpleNamespace(look=look))
+    shown = ask("watch").out
+    assert "t = 12.34 s" in shown
+    assert "steps" not in shown
+    assert look.call_count == 4
 
 
 def test_units_and_times() -> None:

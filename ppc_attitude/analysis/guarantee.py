@@ -54,7 +54,6 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.science.controllers.tube_parameters import (
     CERTIFICATE,
     LAWS,
-    PARAMETERS,
     PREFIX,
     digest_of,
 )
@@ -103,9 +102,6 @@ def certificate_held(record: RunRecord) -> Held | None:
     if values.get("controller") not in LAWS or not values.get(CERTIFICATE.name):
         return None
     nothing = np.zeros(record.stamps_ns.size, dtype=np.bool_)
-    if not all(each.name in values for each in PARAMETERS):
-        lacks = ", ".join(each.name for each in PARAMETERS if each.name not in values)
-        return Held(nothing, f"the record lacks the parameters {lacks}", "")
     if absent := [name for name in _NEEDED if not has(record, name)]:
         return Held(nothing, f"the record lacks {', '.join(absent)}", "")
     try:

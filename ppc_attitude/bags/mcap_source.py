@@ -210,9 +210,7 @@ class McapSource(Source):
 
     def _read_metadata(self, content: bytes) -> None:
         """Take the custom data from the file's copy of ``metadata.yaml``."""
-        name, position = _text(content, 0)
-        if name != "rosbag2":
-            return
+        _, position = _text(content, 0)
         text = _texts(content, position).get("serialized_metadata", "")
         try:
             self.custom_data = custom_data_in(text) or self.custom_data

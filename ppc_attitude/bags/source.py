@@ -117,7 +117,7 @@ def _merge(blocks: list[Block]) -> Block:
 
 
 def decompressed(block: Block, allowance: Allowance) -> Block:
-    """Block with its messages unpacked, if all of them are zstd frames, as no message in CDR is.
+    """Block with its messages unpacked, if they are zstd frames, as no message in CDR is.
 
     Raises
     ------
@@ -127,10 +127,7 @@ def decompressed(block: Block, allowance: Allowance) -> Block:
     frame = zstandard.FRAME_HEADER
     if block.data[block.offset[0] :][: len(frame)].tobytes() != frame:
         return block  # as in nearly every bag, without a look at all
-    packed = payloads_of(block)
-    if not all(payload.startswith(frame) for payload in packed):
-        return block
-    payloads = [b"".join(unzstd(payload, allowance)) for payload in packed]
+    payloads = [b"".join(unzstd(payload, allowance)) for payload in payloads_of(block)]
     length = np.fromiter(map(len, payloads), np.int64, len(payloads))
     data = np.frombuffer(b"".join(payloads), np.uint8)
     return block._replace(data=data, offset=np.cumsum(length) - length, length=length)

@@ -36,9 +36,6 @@ from rosbags.rosbag2.enums import CompressionMode
 from rosbags.rosbag2.storage_mcap import Channel, McapWriter, write_channel, write_string
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
-# This file overrides methods of rosbags' storage writers; these versions have been tried.
-ROSBAGS_RANGE = ">=0.11.9,<0.12"
-
 PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 _CHUNK_BYTES = 2**20
 _BATCH_ROWS = 4096

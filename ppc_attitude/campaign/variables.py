@@ -43,7 +43,7 @@ from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.attitude import attitude_error, rotation_angle, unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import FAULTS, fault_texts
-from ppc_attitude.science.kinds import ACTUATORS, REFERENCES
+from ppc_attitude.science.kinds import REFERENCES
 from ppc_attitude.science.parameter import NodeParameters, Parameter
 from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.science.references import goal
@@ -237,8 +237,6 @@ class _Disturbance(Variable):
         torque = [size * part for part in self.direction(own)]
         drawn = {"pulse_time": time, "pulse_duration": duration, "pulse_torque": size}
         drawn |= zip(_TAU, torque, strict=True)
-        if not size:
-            return drawn, {}
         pulses = (
             ("pulse_times", [time]),
             ("pulse_durations", [duration]),
@@ -310,11 +308,6 @@ class _ActuatorStrength(Variable):
     def read(cls, name: str, declared: Any, base: Scenario) -> "_ActuatorStrength":
         found = number(name, declared, _STRENGTH)
         weakest = weakened(base.parameters[PLANT], found.low)
-        if not weakest:
-            actuator = base.parameters[PLANT][ACTUATORS.selector]
-            raise ConfigurationError(
-                f"{name}: {ACTUATORS.selector} = {actuator} declares no limits"
-            )
         _try(f"{name} can become {found.low:g}", base, weakest)
         return cls(found)
 

@@ -69,12 +69,6 @@ class Space:
         ):
             if asked:
                 see_that_it_has(self.base, kind, what, name)
-        if self.eta < 1.0 and not weakened(self.base.parameters[PLANT], self.eta):
-            actuator = self.base.parameters[PLANT][ACTUATORS.selector]
-            raise ConfigurationError(
-                f"strength = {self.eta:g}; allowed: 1, as {ACTUATORS.selector} = {actuator} "
-                "declares no limits"
-            )
         extreme = self.scenario(np.ones(self.size))  # as fast, as weak and as late as any
         check_components(PLANT, extreme.parameters[PLANT])
 

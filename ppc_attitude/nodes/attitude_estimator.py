@@ -25,7 +25,6 @@ from ppc_attitude.nodes.component_node import ComponentNode
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.fixes import Fixes
 from ppc_attitude.runtime.stamps import Instant
-from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.sensors.arrivals import Slots, check_slots
 
 
@@ -38,17 +37,11 @@ class AttitudeEstimator(ComponentNode):
     def new_instant(self, topics: Sequence[Topic]) -> Instant:
         """Return what collects the samples of an instant, and joins the fixes to them."""
         self._fixes: Fixes | None = None
+        for component in components_of(self.executable, self.parameters.values):
+            check_slots(component)
         late = [each for each in topics if each.late]
         if not late:
             return super().new_instant(topics)
-        if not len(late) == 1 < len(topics):
-            names = ", ".join(each.name for each in topics)
-            raise ConfigurationError(
-                f"{self.executable}: the selected filter reads {names}; allowed: one topic of late "
-                "messages, such as fixes, and one or more with a message at every instant"
-            )
-        for component in components_of(self.executable, self.parameters.values):
-            check_slots(component)
         sample = (each.column for each in topics if not each.late)
         self._fixes = Fixes(Slots(self.parameters.values), late[0], sample)
         return self._fixes

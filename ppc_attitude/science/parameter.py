@@ -146,8 +146,7 @@ class Parameter:
             yield f"> {exact_text(self.above)}"
         if self.low > self.above:
             yield f"≥ {exact_text(self.low)}"
-        if math.isfinite(self.high):
-            yield f"≤ {exact_text(self.high)}"
+        yield f"≤ {exact_text(self.high)}"
 
     def demand_declarable(self) -> None:
         """Check that a node can declare it: a node declares those of all components it might run.

@@ -85,8 +85,6 @@ def _pieces(value: Any, seen: set[int]) -> Iterator[bytes]:
         yield repr(getattr(value, "_fields", ())).encode()  # fields of a named tuple
         for each in value if isinstance(value, tuple) else sorted(value, key=repr):
             yield from _pieces(each, seen)
-    elif isinstance(value, types.Dispatcher):
-        yield from _pieces(value.dispatcher, seen)
     elif isinstance(value, _PLAIN):
         yield repr(value).encode()
     elif not isinstance(value, ModuleType):
@@ -103,10 +101,8 @@ def _pieces(value: Any, seen: set[int]) -> Iterator[bytes]:
 
 @cache
 def _source_of(module: str) -> bytes:
-    file = str(getattr(sys.modules.get(module), "__file__", None))
-    with suppress(OSError):
-        return Path(file).read_bytes() if file.endswith(".py") else b""
-    return b""
+    file = Path(str(getattr(sys.modules.get(module), "__file__", None)))
+    return file.read_bytes() if file.suffix == ".py" and file.is_file() else b""
 
 
 def _of_function(function: FunctionType, seen: set[int]) -> Iterator[bytes]:

@@ -105,9 +105,18 @@ class Scenario:
 
 
 def weakened(plant: Mapping[str, Any], strength: float) -> dict[str, Any]:
-    """Torque limits that the plant's actuator declares, by name, each times a strength."""
+    """Torque limits that the plant's actuator declares, by name, each times a strength.
+
+    Raises
+    ------
+    ConfigurationError
+        The actuator is to be weaker, but declares none.
+    """
     actuator = ACTUATORS.selected(plant)
     names = actuator.limits if actuator else ()
+    if strength != 1.0 and not names:
+        name = f"{ACTUATORS.selector} = {plant[ACTUATORS.selector]}"
+        raise ConfigurationError(f"strength = {strength:g}; allowed: 1, as {name} has no limits")
     return {name: np.multiply(strength, plant[name]).tolist() for name in names}
 
 

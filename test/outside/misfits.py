@@ -41,10 +41,10 @@ LAW, PLANT, SENSORS = outside_parts.LAW, outside_parts.PLANT, outside_parts.SENS
 NOISE = record_type(SEED)
 
 
-def with_column(part: Component, **chosen: str) -> Component:
+def with_column(part: Component, **chosen: Any) -> Component:
     """Give a part one more column."""
-    declared = {"name": "mine", "topic": "mine/numbers", "frame": BODY, "unit": "1", **chosen}
-    column = Column(form=VECTOR, meaning="x", **declared)
+    declared = {"name": "mine", "topic": "mine/numbers", "form": VECTOR, "frame": BODY, "unit": "1"}
+    column = Column(meaning="x", **(declared | chosen))
     return replace(part, outputs=(*part.outputs, column))
 
 
@@ -161,6 +161,8 @@ MADE: dict[str, Callable[[], Component]] = {
     "unnamed_number": lambda: with_parameters(LAW, Parameter("", 3, "x")),
     "undescribed": lambda: with_parameters(LAW, Parameter("z", 3, None)),  # type: ignore[arg-type]
     "far": lambda: with_column(LAW, topic="m" * 151),
+    "cubic": lambda: with_column(LAW, form="cube"),
+    "of_four": lambda: with_column(LAW, form="vector", width=4),
     "giver": lambda: with_column(LAW, name="asked", topic="asked"),
     "reader": lambda: replace(PLANT, inputs=(*PLANT.inputs, ASKED)),
     "of_objects": lambda: replace(LAW, state=np.dtype([("z", object)])),

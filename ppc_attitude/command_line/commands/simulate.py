@@ -89,8 +89,7 @@ def execute(arguments: argparse.Namespace) -> int:
             raise RunError(str(error)) from None
         print(f"bag: {arguments.bag}", file=output)
     if arguments.export:
-        if lacking := export(record, arguments.export):
-            print(f"warning: {lacking}", file=sys.stderr)
+        export(record, arguments.export)
         print(f"table: {arguments.export}", file=output)
     write_report_of(arguments, [verdict], output)
     return exit_code(verdict)

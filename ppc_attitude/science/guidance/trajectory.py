@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ppc_attitude.science.attitude import unit_quaternion
 from ppc_attitude.science.errors import ConfigurationError
@@ -58,8 +57,6 @@ POINTS = record_type(
     ("rate", np.float64, (MOST_POINTS, 3)),  # [rad/s] desired frame
     ("acceleration", np.float64, (MOST_POINTS, 3)),  # [rad/s²] desired frame
 )
-
-Floats = NDArray[np.float64]
 
 
 def points(

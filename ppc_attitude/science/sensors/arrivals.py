@@ -36,14 +36,15 @@ def check_slots(component: Component) -> None:
     Raises
     ------
     ConfigurationError
-        It lacks a parameter of which `Slots` are made, or it reads several late columns.
+        It lacks a parameter of which `Slots` are made, or it reads several late columns, or no
+        other column.
     """
     lacking = [each.name for each in _SAY_WHEN if each.name not in component.defaults]
     late = [column for column in component.inputs if column.late]
-    if len(late) > 1:
+    if late and not len(late) == 1 < len(component.inputs):
         raise ConfigurationError(
-            f"{component.name} reads {', '.join(each.name for each in late)}, which come late; "
-            "allowed between nodes: one such column; `ppc_attitude simulate` can run this"
+            f"{component.name} reads late {', '.join(each.name for each in late)}; allowed between "
+            "nodes: one such column, beside others; `ppc_attitude simulate` can run this"
         )
     for column in late:
         if lacking:
