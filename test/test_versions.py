@@ -14,9 +14,13 @@
 
 """What a run was made with."""
 
+import os
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import numba
+import numpy
 import pytest
 from craft_helpers import ROOT
 from process_helpers import ran
@@ -37,6 +41,34 @@ def test_the_git_revision_is_that_of_the_checkout() -> None:
     assert versions()["git_revision"].removesuffix("-dirty").endswith(revision)
 
 
+def test_what_can_change_a_number_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ppc_attitude.contract.versions.versions_of_others", lambda: {"own": "1.2"})
+    expected = {"own": "1.2", "numpy": numpy.__version__, "numba": numba.__version__}
+    assert expected.items() <= versions.__wrapped__().items()
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="no git")
+def test_the_git_revision_is_that_of_the_packages_own_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A package in an environment within somebody's checkout has no revision."""
+    home = tmp_path / "home"
+    file = home / "ppc_attitude" / "contract" / "versions.py"
+    file.parent.mkdir(parents=True)
+    file.write_text("")
+    monkeypatch.setattr("ppc_attitude.contract.versions.__file__", str(file))
+    git = ["git", "-C", str(home), "-c", "user.name=a", "-c", "user.email=a@b.c"]
+    for asked in (["init", "-q"], ["add", "."], ["commit", "-qm", "a"]):
+        assert "git_revision" not in versions.__wrapped__()
+        ran([*git, *asked], env={"GIT_CONFIG_GLOBAL": os.devnull})
+    revision = ran([*git, "rev-parse", "HEAD"]).stdout.strip()
+    assert versions.__wrapped__()["git_revision"] == revision
+    file.write_text("# changed\n")
+    assert versions.__wrapped__()["git_revision"] == f"{revision}-dirty"
+    (home / ".git").rename(tmp_path / ".git")
+    assert "git_revision" not in versions.__wrapped__()
+
+
 @pytest.mark.parametrize("name", ["ppc_attitude", "git_revision"])
 def test_a_run_of_another_state_of_the_package_is_told(
     name: str, monkeypatch: pytest.MonkeyPatch
@@ -47,6 +79,9 @@ def test_a_run_of_another_state_of_the_package_is_told(
     assert of_another_state({**here, name: "other"}) == told
     assert not of_another_state(here)
     assert not of_another_state({})
+    run = dict(here)
+    del here["git_revision"]  # as where it is installed from no checkout
+    assert not of_another_state(run)
 
 
 def test_a_topic_that_another_state_of_the_package_may_not_have_sent_is_told_as_that(
