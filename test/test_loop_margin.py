@@ -46,20 +46,42 @@ def linear(**values: float) -> Scenario:
     )
 
 
+@pytest.mark.parametrize(
+    ("disk", "gain", "phase"), [(0.0, 1.0, 0.0), (1.0, 3.0, 53.130102), (2.0, math.inf, 90.0)]
+)
+def test_gain_and_phase_are_those_of_the_published_formulas(
+    disk: float, gain: float, phase: float
+) -> None:
+    found = LoopMargin(disk, frequency=1.0, fades=1.0, swing=0.0)
+    assert (found.gain, found.phase) == pytest.approx((gain, phase))
+
+
+def test_an_axis_that_the_law_leaves_alone_has_no_margin() -> None:
+    """The others have come to rest when its first answer is still to come."""
+    alone = np.diag([2.8, 2.8, 2.8e-9]).ravel().tolist()
+    loop = linear(natural_frequency=1.0)
+    assert margin_of(loop).disk > 1.0
+    found = margin_of(loop.with_values(CONTROLLER, inertia=alone))
+    assert (found.disk, found.fades) == (0.0, 60.0)  # for so long it was listened to
+
+
 @pytest.mark.parametrize("late", [False, True])
 @pytest.mark.parametrize(
-    ("natural_frequency", "damping", "integral_time"),
-    [(1.0, 1.0, 10.0), (3.0, 0.7, 5.0), (0.5, 0.4, 20.0)],
+    ("natural_frequency", "damping", "integral_time", "size"),
+    [(1.0, 1.0, 10.0, 1.0), (3.0, 0.7, 5.0, 1e-3), (0.5, 0.4, 20.0, 1.0)],
 )
 def test_the_margin_of_a_linear_loop_is_that_of_the_closed_form(
-    natural_frequency: float, damping: float, integral_time: float, late: bool
+    natural_frequency: float, damping: float, integral_time: float, size: float, late: bool
 ) -> None:
     """By the transfer function L(z) from the torque on the craft to the torque of the law."""
-    found = margin_of(
-        linear(
-            natural_frequency=natural_frequency, damping=damping, integral_time=integral_time
-        ).with_values(PLANT, late_command=late)
-    )
+    loop = linear(
+        natural_frequency=natural_frequency, damping=damping, integral_time=integral_time
+    ).with_values(PLANT, late_command=late)
+    for node in (PLANT, CONTROLLER):
+        given = loop.parameters[node]
+        inertia = np.multiply(size, given["inertia"]).tolist()
+        loop = loop.with_values(node, inertia=inertia, max_torque=size * given["max_torque"])
+    found = margin_of(loop, 0.0)  # from its first instant on it rests
     h = 0.1
     z = np.exp(1j * np.linspace(1e-4, math.pi, 200_001))
     rate = h / (z - 1.0)
@@ -68,6 +90,10 @@ def test_the_margin_of_a_linear_loop_is_that_of_the_closed_form(
     L = 2.0 * damping * natural_frequency * rate + natural_frequency**2 * angle * integral
     S = 1.0 / (1.0 + L / z**late)
     assert found.disk == pytest.approx(1.0 / np.abs(S - 0.5).max(), rel=2e-3)
+    answers = np.abs(np.fft.irfft(S - 1.0))  # to a torque of one sample
+    large = np.flatnonzero(answers[:10_000] > 0.01 * answers.max())
+    assert found.fades == pytest.approx(h * (large[-1] + 1.0), abs=1.01 * h)
+    assert found.swing == 0.0
 
 
 @pytest.mark.parametrize("rate", [10.0, 1000.0])
@@ -263,12 +289,39 @@ def test_wheels_that_stand_have_the_margin_of_those_that_run(
     assert margin_of(loop).disk == pytest.approx(margin_of(runs).disk, rel=0.01)
 
 
-def test_noise_rounding_dead_zone_faults_and_hits_do_not_count() -> None:
-    paper = case("sensors_smallsat", "sudden_disturbance")
-    broken = paper.with_values(
-        PLANT, seed=5, min_torque=0.01, faults=["actuator/x stuck 0.01 from 10"]
-    )
-    assert margin_of(broken, 80.0) == margin_of(paper, 80.0)
+@pytest.mark.parametrize(
+    ("overlays", "disturbed"),
+    [
+        (
+            ("sensors_smallsat", "sudden_disturbance"),
+            {"seed": 5, "min_torque": 0.01, "faults": ["actuator/x stuck 0.01 from 10"]},
+        ),
+        (
+            ("sensors_smallsat",),
+            {
+                "star_tracker.dropout_probability": 0.3,
+                "star_tracker.outlier_probability": 0.2,
+                "star_tracker.outlier_size": 1e-3,
+                "gyro.resolution": 1e-3,
+                "star_tracker.blinding_times": [80.2],
+                "star_tracker.blinding_durations": [1e3],
+            },
+        ),
+        ((), {"attitude_noise": 1e-4, "rate_noise": 1e-4}),
+        (("thrusters",), {"thrusters.min_on_time": 0.02}),
+    ],
+)
+def test_noise_rounding_dead_zone_faults_and_hits_do_not_count(
+    overlays: tuple[str, ...], disturbed: dict[str, Any]
+) -> None:
+    quiet = case(*overlays)
+    assert margin_of(quiet.with_values(PLANT, **disturbed), 80.0) == margin_of(quiet, 80.0)
+
+
+def test_goals_to_which_a_craft_turns_do_not_count() -> None:
+    mission = case("mission")
+    none: dict[str, list[Any]] = {"goals.times": [], "goals.frames": [], "goals.attitudes": []}
+    assert margin_of(mission, 15.0) == margin_of(mission.with_values(REFERENCE, **none), 15.0)
 
 
 def test_check_tells_what_the_loop_bears(ask: Ask) -> None:

@@ -153,16 +153,15 @@ def loop_margin(scenario: Scenario, at: float, torque: float) -> LoopMargin:
     if not np.isfinite(heard.answer).all():
         return LoopMargin(0.0, 0.0, heard.fades * loop.sample, math.inf)
     samples = len(heard.answer)
-    spectrum = np.fft.rfft(heard.answer, 1 << (2 * samples - 1).bit_length(), axis=0)
-    sensitivity = np.eye(3) + spectrum
+    sensitivity = np.eye(3) + np.fft.rfft(heard.answer, 4 * samples, axis=0)
     holds = np.linalg.norm(sensitivity[0], 2) <= _LEFT
     rests = heard.rests and swing <= _SWING * torque  # else the answer is that of a swing
     known = bool(heard.proportional and rests and holds)
-    sizes = np.linalg.norm(sensitivity - 0.5 * np.eye(3) if known else spectrum, 2, axis=(1, 2))
+    sizes = np.linalg.norm(sensitivity - 0.5 * np.eye(3), 2, axis=(1, 2))
     worst = int(sizes.argmax())
     return LoopMargin(
         disk=1.0 / float(sizes[worst]) if known else 0.0,
-        frequency=0.5 * worst / ((sizes.size - 1) * loop.sample),
+        frequency=0.25 * worst / (samples * loop.sample),
         fades=(heard.fades if known else samples) * loop.sample,
         swing=swing if swing > _ROUNDING * torque else 0.0,
     )
