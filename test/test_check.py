@@ -31,6 +31,7 @@ from ppc_attitude.command_line.environment_load import environment_torque
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.conditions import advisable
 from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND
+from ppc_attitude.science.estimators.steady_state import FLOOR
 from ppc_attitude.science.kinds import ENVIRONMENTS, REFERENCES
 from ppc_attitude.science.references import paper
 from ppc_attitude.simulation.closed_loop import first_instant, simulate
@@ -112,6 +113,38 @@ def test_a_wish_is_told_what_it_needs_at_best_and_what_that_leaves(cubesat: Scen
     assert "is not reached within an hour at the rates of k" in never.meaning
 
 
+@pytest.mark.parametrize("angle", [1.0, 0.03])  # [rad] it may still turn fast where it arrives
+def test_the_least_time_to_turn_is_that_of_the_largest_component(
+    cubesat: Scenario, angle: float
+) -> None:
+    wish = replace(PAPER, settled=Accuracy(5e-3), rate=None)
+    half = math.sin(0.5 * angle)
+    found = conditions(cubesat, wish, (0.6 * half, 0.8 * half, 0.0, math.cos(0.5 * angle)))
+    near = 2.0 * math.asin(5e-3 / 0.8)
+    inertia = np.reshape(INERTIA, (3, 3))
+    acceleration = 0.002 / np.abs(inertia @ [0.6, 0.8, 0.0]).max()
+    if angle > 3.0 * near:  # speed up, slow down, and arrive as fast as the other side allows
+        needs = math.sqrt(4.0 * (angle + near) / acceleration)
+        needs -= math.sqrt(4.0 * near / acceleration)
+    else:
+        needs = math.sqrt(2.0 * (angle - near) / acceleration)
+    assert found["time to turn"].value == pytest.approx(needs)
+
+
+def test_the_rate_bound_is_that_of_the_reference_for_an_hour_if_a_run_has_no_end(
+    cubesat: Scenario,
+) -> None:
+    desired = np.linalg.norm(simulate(cubesat, 120.0)["reference_angular_velocity"], axis=1).max()
+    bound = math.sqrt(3.0) * 3.0 * 0.017
+    most = math.degrees(bound + math.sqrt(3.0) * 3e-5 + desired)
+    assert conditions(cubesat, TENTH)["rate bound"].value == pytest.approx(most, rel=2e-4)
+    slew = conditions(cubesat.with_values(REFERENCE, mode="goal"), TENTH)["slew rate"].value
+    assert slew == pytest.approx(2.0 + math.degrees(bound) * 5e-3)  # of an error in ρ_q's end
+    runs = (cubesat.with_values(PLANT, duration=each) for each in (0.0, 3600.0))
+    endless, hour = (conditions(each, TENTH)["rate bound"].value for each in runs)
+    assert endless == hour
+
+
 def test_no_run_settles_sooner_than_the_law_can_and_a_good_one_hardly_later() -> None:
     paper = case()
     record = simulate(paper, 60.0)
@@ -137,6 +170,16 @@ def test_the_configured_environment_is_looked_at(
         part.component = replace(part.component, bound=bound)
         found = environment_torque(case, part)
         assert low * ENVIRONMENT_BOUND <= found <= high * ENVIRONMENT_BOUND
+        assert bound is None or found == high * ENVIRONMENT_BOUND
+
+
+def test_of_an_environment_that_reads_the_state_the_first_torque_is_looked_at() -> None:
+    orbit = case("orbit")
+    first = simulate(orbit, 0.0)["disturbance_torque"][0]
+    part = first_instant(orbit)[ENVIRONMENTS.name]
+    part.component = replace(part.component, bound=None)
+    found = environment_torque(orbit, part)
+    assert found == pytest.approx(np.linalg.norm(first))
 
 
 def test_an_actuator_is_measured_by_the_environment_that_there_is(tmp_path: Path, ask: Ask) -> None:
@@ -196,8 +239,13 @@ def test_a_rate_envelope_that_single_pulses_leave_is_warned_of() -> None:
     narrow = wide.with_values(CONTROLLER, **{"rate_envelope.terminal": 3e-5})
     assert warned(narrow) == {"least pulse in ρ_ω"}
     assert not set(conditions(case())) & {found.name}
+    assert "least pulse in ρ_q" not in conditions(wide)
     bending = conditions(case("flexible", "thrusters"))[found.name]
     assert bending.limit == pytest.approx(found.limit / (1.0 - 0.75**2 / 2.8), rel=1e-12)
+    oblique = {"flexible.frequency": [0.5], "flexible.damping": [0.01]}
+    oblique |= {"flexible.coupling": [0.6, 0.5, 0.0]}  # 1/(1 − δᵀ J⁻¹ δ)
+    bending = conditions(case("flexible", "thrusters").with_values(PLANT, **oblique))[found.name]
+    assert bending.limit == pytest.approx(found.limit / (1.0 - 0.36 / 2.8 - 0.25 / 2.5), rel=1e-12)
     mixed = wide.with_values(PLANT, **{"thrusters.force": [0.1, *[1.0] * 7]})  # the coarsest counts
     assert conditions(mixed)[found.name].limit == pytest.approx(10.0 * found.limit, rel=1e-12)
     slender = wide.with_values(CONTROLLER, inertia=[2.8, 0.0, 0.0, 0.0, 2.8, 0.0, 0.0, 0.0, 0.05])
@@ -211,6 +259,14 @@ def test_noise_out_of_proportion_is_warned_of(cubesat: Scenario) -> None:
     assert not {"attitude_envelope.terminal", "noise torque"} & set(conditions(cubesat))
     noisy = cubesat.with_values(PLANT, rate_noise=1e-5)
     assert warned(noisy) == {"rate_envelope.terminal"}
+    least = conditions(noisy)["rate_envelope.terminal"].limit
+    assert least == pytest.approx(FLOOR * 1e-5)  # without a filter it is the noise of the sensor
+    asked = conditions(noisy)["noise torque"].value
+    assert asked == pytest.approx(3.0 * 2.3 * 0.2 * 1e-5)  # 3σ of K_ω J z2, of the largest moment
+    blurred = cubesat.with_values(PLANT, attitude_noise=2e-3)
+    blurred = blurred.with_values(CONTROLLER, controller="log_barrier")  # which has no z2
+    least = conditions(blurred)["attitude_envelope.terminal"].limit
+    assert least == pytest.approx(FLOOR * 1e-3)
     noisier = cubesat.with_values(PLANT, rate_noise=2e-3, attitude_noise=2e-3)
     everything = {"attitude_envelope.terminal", "rate_envelope.terminal", "noise torque"}
     assert warned(noisier) == everything
@@ -262,6 +318,8 @@ def test_a_law_of_another_craft_and_rates_that_no_tracker_follows_are_warned_of(
     assert not warned(cubesat)
     forgotten = cubesat.with_values(CONTROLLER, inertia=[2.8, 0, 0, 0, 2.5, 0, 0, 0, 1.9])
     assert warned(forgotten) == {"inertia"}
+    double = cubesat.with_values(CONTROLLER, inertia=[0.36, 0, 0, 0, 0.4, 0, 0, 0, 0.24])
+    assert conditions(double)["inertia"].value == pytest.approx(0.5)  # of what the law believes
     values = {"star_tracker.max_rate": 0.03, "initial_angular_velocity": [0.02, 0.02, 0.02]}
     fast = case("sensors_smallsat").with_values(PLANT, **values)
     assert warned(fast) == {"rate at the start"}

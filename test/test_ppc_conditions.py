@@ -109,6 +109,17 @@ def test_a_necessary_condition_fails_where_it_should(
     assert not condition.holds
 
 
+@pytest.mark.parametrize(("C_omega", "s4"), [(0.6, 1.1), (0.9, 1.5)])  # the lesser of two
+def test_the_conditions_of_the_proof_have_the_published_values(
+    values: dict[str, object], C_omega: float, s4: float
+) -> None:
+    gains = {"K_omega": 5.0, "K_u": 0.5, "K_a": 4.0, "k2": 0.4, "K_b": 3.0}
+    gains |= {"C_q": 1.0, "C_tau": 0.5, "C_omega": C_omega, "B_tau": 0.1}
+    found = by_name({**values, **gains})
+    expected = {"S2": 7.0, "S3": 6.8, "S4": s4, "S5": 4.0}
+    assert {each: found[each].value for each in expected} == pytest.approx(expected)
+
+
 def test_the_norm_form_has_the_smaller_bound(values: dict[str, object]) -> None:
     assert virtual_control_bound(values) == pytest.approx(math.sqrt(3) * 0.051)
     norm = {**values, "virtual_control": "norm"}

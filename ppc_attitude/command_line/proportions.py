@@ -49,13 +49,12 @@ from ppc_attitude.science.guidance.profile import duration, profile
 from ppc_attitude.science.inertia import inertia_error, inertia_matrix
 from ppc_attitude.science.kernel import Quaternion
 from ppc_attitude.science.kinds import ACTUATORS, ESTIMATORS, REFERENCES, SENSORS
-from ppc_attitude.science.multibody import COUPLING, multibody_record
+from ppc_attitude.science.multibody import COUPLING
 from ppc_attitude.science.performance import R_LIMIT
 from ppc_attitude.science.plants.rigid_body import INERTIA, INITIAL_RATE
 from ppc_attitude.science.references import goal
 from ppc_attitude.science.sensors import direct, gyro, gyro_star_tracker
 from ppc_attitude.science.stamps import first_step, instant, seconds
-from ppc_attitude.science.wheels import AXES, WHEELS, wheel_record
 from ppc_attitude.simulation.scenario import Scenario
 
 _HORIZON = 3600.0  # [s] for which a reference is looked at in a run without end
@@ -134,17 +133,16 @@ def actuator_torques(scenario: Scenario) -> tuple[float, float]:
 
 
 def _first_answer(scenario: Scenario, craft: Mapping[str, Any]) -> float:
-    """Largest ratio of the first acceleration after a torque to that which the law counts on.
+    """Largest ratio of the first acceleration after a pulse to that which the law counts on.
 
-    A torque first moves J − Σ J_s a aᵀ − δᵀδ only, and flexible modes follow; 1 without modes.
+    A torque first moves J − δᵀδ only, and flexible modes follow; 1 without modes.
     """
-    plant = scenario.parameters[PLANT]
     if not craft.get(COUPLING.name):
         return 1.0
-    known = inertia_matrix("inertia", scenario.parameters[CONTROLLER]["inertia"])
-    turning = wheel_record(plant) if AXES.name in craft else np.zeros((), WHEELS)
-    inverse = multibody_record(plant, turning)["body"]["inertia_inverse"]
-    return float(np.linalg.eigvals(inverse @ known).real.max())
+    coupling = np.reshape(craft[COUPLING.name], (-1, 3))
+    first = inertia_matrix(INERTIA.name, craft[INERTIA.name]) - coupling.T @ coupling
+    known = inertia_matrix(INERTIA.name, scenario.parameters[CONTROLLER][INERTIA.name])
+    return float(np.linalg.eigvals(np.linalg.solve(first, known)).real.max())
 
 
 def _sigmas(scenario: Scenario) -> Sigmas:
