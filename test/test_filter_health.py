@@ -81,6 +81,19 @@ def test_wrong_noise_numbers_show_in_the_innovations() -> None:
     assert rows(run(attitude_estimator=timid))["nis"].met is False
 
 
+def test_innovations_are_judged_by_how_sure_the_mean_of_so_many_is() -> None:
+    fixes = np.isfinite(correct()["innovation"])
+    nis = np.where(fixes, np.sqrt(4.0 / 3.0), np.nan)  # 4 each, of 3 expected
+    found = rows(with_columns(correct(), innovation=nis))
+    count = int(fixes[:, 0].sum())
+    assert found["nis"].value == pytest.approx(1.0)
+    # χ²₃ has a variance of 6.
+    assert found["nis"].limit == pytest.approx(3.0 * np.sqrt(6.0 / count))
+    assert found["refused_fixes"].limit == 1.0 > 1e-3 * count
+    many = rows(with_columns(correct(), innovation=np.ones((correct().t.size, 3))))
+    assert many["refused_fixes"].limit == pytest.approx(1e-3 * correct().t.size)
+
+
 def test_a_gate_that_is_too_narrow_refuses_good_fixes() -> None:
     record = run(attitude_estimator={"gate": 4.0})
     row = rows(record)["refused_fixes"]

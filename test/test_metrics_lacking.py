@@ -240,6 +240,8 @@ NOTHING = "nothing is on record from {} to {} s".format
         (2.0, 8.0, "rate", True, "without 2 to 8"),
         (2.0, 20.0, "rate", None, NOTHING(2, 20)),
         (70.0, 70.1, "error_after_deadline", True, ""),  # ten steps are no time
+        (70.0, 70.11, "error_after_deadline", True, "without 70 to 70.11"),
+        (101.0, 120.01, "terminal_error", None, NOTHING(101, 120)),
     ],
 )
 def test_nobody_knows_what_is_not_on_record(start, end, key, met, told):
