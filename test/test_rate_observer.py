@@ -202,6 +202,15 @@ def test_a_hit_is_believed_at_its_second_sample() -> None:
     assert np.abs(rows[:, 0]).max() < 0.01
 
 
+@pytest.mark.parametrize(("counts", "believed"), [(1.0, False), (2.0, True)])
+def test_a_count_of_a_coarse_gyro_is_no_hit(counts: float, believed: bool) -> None:
+    """Five σ of its rounding are 1.44 counts."""
+    rates = np.zeros((102, 3))
+    rates[100:, 0] = counts * 0.01
+    coarse = observer(1.0, **{"gyro.resolution": 0.01, "gyro.angular_random_walk": 0.0})
+    assert (run(coarse, rates)[101, 0] > 0.5 * rates[101, 0]) == believed
+
+
 def test_a_gyro_that_was_saturated_does_not_lead_the_estimate_away_for_ever() -> None:
     """With steps of half a second it grew beyond all numbers, also once the gyro was well again."""
     settings, memory = observer(1.0), new_record(MEMORY)

@@ -339,6 +339,12 @@ def test_a_pulse_that_fills_the_wheels_is_warned_of() -> None:
     assert not full.holds
     when = float(full.meaning.rpartition("limit from ")[2].removesuffix(" s on"))
     assert 50.0 < when < 65.0
+    for torque in (2.0, -2.0):  # one takes off what the environment has added, one adds to it
+        hit["pulse_torques"] = [torque, 0.0, 0.0]
+        hit_once = case("wheels").with_values(INJECTOR, **hit)
+        (held,) = speed_of_a_wheel(hit_once)
+        shares = np.abs(simulate(hit_once, 120.0)["wheel_speed"]).max() / 628.3
+        assert held.value == pytest.approx(shares, rel=0.01)
 
 
 def test_magnetorquers_take_up_what_the_environment_adds_and_no_tumble() -> None:
