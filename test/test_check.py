@@ -173,15 +173,6 @@ def test_the_configured_environment_is_looked_at(
         assert bound is None or found == high * ENVIRONMENT_BOUND
 
 
-def test_of_an_environment_that_reads_the_state_the_first_torque_is_looked_at() -> None:
-    orbit = case("orbit")
-    first = simulate(orbit, 0.0)["disturbance_torque"][0]
-    part = first_instant(orbit)[ENVIRONMENTS.name]
-    part.component = replace(part.component, bound=None)
-    found = environment_torque(orbit, part)
-    assert found == pytest.approx(np.linalg.norm(first))
-
-
 def test_an_actuator_is_measured_by_the_environment_that_there_is(tmp_path: Path, ask: Ask) -> None:
     craft = overlay(tmp_path / "weak.yaml", {PLANT: {"max_torque": 0.002}})
     calm = overlay(tmp_path / "calm.yaml", {INJECTOR: {"environment": False}})

@@ -36,14 +36,14 @@ from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import PAPER as PAPER_REQUIREMENTS
 from ppc_attitude.bags.reader import read_run
-from ppc_attitude.command_line.environment_load import wheel_conditions
+from ppc_attitude.command_line.environment_load import environment_torque, wheel_conditions
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import INJECTOR, PLANT
 from ppc_attitude.science import wheels
 from ppc_attitude.science.component import MAX_WHEELS
 from ppc_attitude.science.conditions import Condition
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.kinds import ACTUATORS
+from ppc_attitude.science.kinds import ACTUATORS, ENVIRONMENTS
 from ppc_attitude.simulation.closed_loop import first_instant, simulate
 from ppc_attitude.simulation.scenario import Scenario, check_components, load, weakened
 
@@ -361,3 +361,12 @@ def test_magnetorquers_take_up_what_the_environment_adds_and_no_tumble() -> None
     )
     speeds = simulate(fast, 60.0)["wheel_speed"]
     assert np.abs(speeds).max() > 0.99 * 628.3
+
+
+def test_of_an_environment_that_reads_the_state_the_first_torque_is_looked_at() -> None:
+    orbit = case("orbit")
+    first = simulate(orbit, 0.0)["disturbance_torque"][0]
+    part = first_instant(orbit)[ENVIRONMENTS.name]
+    part.component = replace(part.component, bound=None)
+    found = environment_torque(orbit, part)
+    assert found == pytest.approx(np.linalg.norm(first))
