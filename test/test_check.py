@@ -113,24 +113,6 @@ def test_a_wish_is_told_what_it_needs_at_best_and_what_that_leaves(cubesat: Scen
     assert "is not reached within an hour at the rates of k" in never.meaning
 
 
-@pytest.mark.parametrize("angle", [1.0, 0.03])  # [rad] it may still turn fast where it arrives
-def test_the_least_time_to_turn_is_that_of_the_largest_component(
-    cubesat: Scenario, angle: float
-) -> None:
-    wish = replace(PAPER, settled=Accuracy(5e-3), rate=None)
-    half = math.sin(0.5 * angle)
-    found = conditions(cubesat, wish, (0.6 * half, 0.8 * half, 0.0, math.cos(0.5 * angle)))
-    near = 2.0 * math.asin(5e-3 / 0.8)
-    inertia = np.reshape(INERTIA, (3, 3))
-    acceleration = 0.002 / np.abs(inertia @ [0.6, 0.8, 0.0]).max()
-    if angle > 3.0 * near:  # speed up, slow down, and arrive as fast as the other side allows
-        needs = math.sqrt(4.0 * (angle + near) / acceleration)
-        needs -= math.sqrt(4.0 * near / acceleration)
-    else:
-        needs = math.sqrt(2.0 * (angle - near) / acceleration)
-    assert found["time to turn"].value == pytest.approx(needs)
-
-
 def test_the_rate_bound_is_that_of_the_reference_for_an_hour_if_a_run_has_no_end(
     cubesat: Scenario,
 ) -> None:

@@ -14,6 +14,7 @@
 
 import itertools
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -310,3 +311,13 @@ def test_a_limit_within_the_estimates_own_noise_is_refused() -> None:
     with pytest.raises(ConfigurationError, match=r"rate_observer = 4.0 rad/s .* 0.002 N·m"):
         observer(4.0, ten)
     observer(1.0, ten, max_disturbance=1e-2)
+
+
+@pytest.mark.parametrize(("share", "refused"), [(0.99, True), (1.01, False)])
+def test_the_noise_of_the_worst_axis_counts(share: float, refused: bool) -> None:
+    """That of the largest row of J, (2.8, 0.15, -0.1): three σ of it leave no room."""
+    row = math.sqrt(2.8**2 + 0.15**2 + 0.1**2)
+    limit = share * 3.0 * 0.5 * row * 2.0**1.5 * WHITE
+    given = {"max_disturbance": limit, "gyro.angular_random_walk": WHITE}
+    with pytest.raises(ConfigurationError) if refused else nullcontext():
+        observer(2.0, **given)
