@@ -49,12 +49,13 @@ from ppc_attitude.science.guidance.profile import duration, profile
 from ppc_attitude.science.inertia import inertia_error, inertia_matrix
 from ppc_attitude.science.kernel import Quaternion
 from ppc_attitude.science.kinds import ACTUATORS, ESTIMATORS, REFERENCES, SENSORS
-from ppc_attitude.science.multibody import COUPLING
+from ppc_attitude.science.multibody import COUPLING, multibody_record
 from ppc_attitude.science.performance import R_LIMIT
 from ppc_attitude.science.plants.rigid_body import INERTIA, INITIAL_RATE
 from ppc_attitude.science.references import goal
 from ppc_attitude.science.sensors import direct, gyro, gyro_star_tracker
 from ppc_attitude.science.stamps import first_step, instant, seconds
+from ppc_attitude.science.wheels import WHEELS
 from ppc_attitude.simulation.scenario import Scenario
 
 _HORIZON = 3600.0  # [s] for which a reference is looked at in a run without end
@@ -139,10 +140,10 @@ def _first_answer(scenario: Scenario, craft: Mapping[str, Any]) -> float:
     """
     if not craft.get(COUPLING.name):
         return 1.0
-    coupling = np.reshape(craft[COUPLING.name], (-1, 3))
-    first = inertia_matrix(INERTIA.name, craft[INERTIA.name]) - coupling.T @ coupling
     known = inertia_matrix(INERTIA.name, scenario.parameters[CONTROLLER][INERTIA.name])
-    return float(np.linalg.eigvals(np.linalg.solve(first, known)).real.max())
+    plant = scenario.parameters[PLANT]
+    inverse = multibody_record(plant, np.zeros((), WHEELS))["body"]["inertia_inverse"]
+    return float(np.linalg.eigvals(inverse @ known).real.max())
 
 
 def _sigmas(scenario: Scenario) -> Sigmas:

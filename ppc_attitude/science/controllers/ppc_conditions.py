@@ -134,10 +134,8 @@ def _rates(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
 
 def _actuation(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
     """Compare what the law asks for with the actuator: D_m, at the envelope's edge, of noise."""
-    meaning = (
-        "the estimate of the disturbance asks for no more torque than there is: D_m is a bound "
-    )
-    meaning += "of this craft's disturbance"
+    meaning = "the law asks for up to D_m against the disturbance, which it is to bound: more than "
+    meaning += "the actuator gives is the bound of another craft"
     yield advisable("D_m", values["D_m"], task.torque, "N·m", meaning)
     least, _, most = principal_moments(values["inertia"]).tolist()
     if MIN_TORQUE.name in task.craft:
