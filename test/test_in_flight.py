@@ -84,8 +84,10 @@ CASES: dict[str, tuple[tuple[str, ...], dict[str, dict[str, Any]]]] = {
     "flexible": (("paper", "flexible"), {}),
     "wheels": (("paper", "flexible", "wheels", "orbit"), DRIVEN),
     "rods": (("paper", "wheels", "orbit", "unloading"), DRIVEN),
+    "tumbling": (("paper", "wheels", "orbit", "unloading", "detumble"), DRIVEN),
     "allocator": (("paper", "wheels", "orbit", "allocator"), SENT),
     "allocators": (("paper", "wheels", "orbit", "allocator_unloading"), SENT),
+    "allocators, tumbling": (("paper", "wheels", "orbit", "allocator_unloading", "detumble"), SENT),
     "thrusters": (("paper", "thrusters"), {}),
     "goals": (("paper", "mission"), {REFERENCE: GOALS}),
 }

@@ -224,7 +224,7 @@ def test_a_law_that_is_switched_off_in_flight_holds_no_dipole() -> None:
             {"magnetorquers.max_dipole": 500.0, "wheels.max_torque": [0.03]},
             r"max_dipole = 500 A·m² gives 0.0495 N·m .* less than the 0.0346 N·m that",
         ),
-        ({"magnetorquers.law": "b_dot"}, "magnetorquers.law = 'b_dot'; allowed: one of"),
+        ({"magnetorquers.law": "b-dot"}, "magnetorquers.law = 'b-dot'; allowed: one of"),
         ({"orbit.field": "dipole"}, "orbit.field = igrf; allowed: dipole, as in spacecraft_plant"),
         ({"orbit.altitude": 600e3}, "orbit.altitude = 550000.0; allowed: 600000.0"),
     ],

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.analysis.reserves import RESERVE
-from ppc_attitude.contract.declared import parameters_in_use
+from ppc_attitude.contract.declared import craft_of, parameters_in_use
 from ppc_attitude.contract.topics import INJECTOR, PLANT
 from ppc_attitude.science import magnetorquers, wheels
 from ppc_attitude.science.allocation import certain_torque
@@ -34,6 +34,7 @@ from ppc_attitude.science.faults import fault_of, fault_texts
 from ppc_attitude.science.kernel import quaternion, vector
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.plants.rigid_body import INERTIA, INITIAL_ATTITUDE, INITIAL_RATE
+from ppc_attitude.science.sensors.star_tracker import MAX_RATE
 from ppc_attitude.science.signals import (
     ENVIRONMENT_TORQUE,
     REFERENCE_ATTITUDE,
@@ -95,11 +96,11 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
     parts have made a step, and are stepped anew.
     """
     plant, end = scenario.parameters[PLANT], scenario.number(PLANT, "duration")
-    known = TRUE_ATTITUDE, TRUE_RATE
-    in_use, rods = parameters_in_use(PLANT, plant), magnetorquers.MAX_DIPOLE.name
-    unloaded = rods in in_use and plant.get(magnetorquers.LAW.name) != "off"
+    known, given = (TRUE_ATTITUDE, TRUE_RATE), craft_of(scenario.parameters)
+    law = given.get(magnetorquers.LAW.name)
+    unloaded = magnetorquers.MAX_DIPOLE.name in given and law != "off"
     needed = wheels.AXES, INERTIA, INITIAL_ATTITUDE, INITIAL_RATE
-    if not end or not all(each.name in in_use for each in needed):
+    if not end or not all(each.name in given for each in needed):
         return
     if not set(environment.component.inputs) <= set(known):
         return
@@ -114,7 +115,10 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
     inertia, speeds = np.reshape(plant[INERTIA.name], (3, 3)), craft["initial_speed"].copy()
     start = quaternion(normalised(tuple(plant[INITIAL_ATTITUDE.name])))
     # Momentum of craft and wheels [N·m·s]: in inertial axes only external torques change it.
-    whole = inertia @ plant[INITIAL_RATE.name] + wheels.momentum(craft, speeds)
+    omega = np.array(plant[INITIAL_RATE.name])
+    if law == "b_dot" and MAX_RATE.name in given:  # the wheels rest until the tracker has a fix
+        omega *= min(1.0, given[MAX_RATE.name] / (np.linalg.norm(omega) or 1.0))
+    whole = inertia @ omega + wheels.momentum(craft, speeds)
     whole = np.array(rotate(start, vector(whole)))
     turning, hits = slice(craft["count"]), scheduled_pulses(scenario.parameters[INJECTOR])
     net = drive.state["net"][0, turning]

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.analysis.requirements import Requirements
-from ppc_attitude.contract.declared import components_of, parameters_in_use
+from ppc_attitude.contract.declared import components_of, craft_of
 from ppc_attitude.contract.topics import CONTROLLER, ESTIMATOR, INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science.attitude import rotation_angle
 from ppc_attitude.science.conditions import Condition, Task, advisable
@@ -89,13 +89,12 @@ def conditions_of(
 
 def _task(scenario: Scenario, required: Requirements, q_e: Quaternion) -> Task:
     """The craft, and what is asked of it."""
-    plant, reference = scenario.parameters[PLANT], scenario.parameters[REFERENCE]
-    craft = {name: plant[name] for name in parameters_in_use(PLANT, plant)}
+    reference = scenario.parameters[REFERENCE]
     sigmas, (most, _) = _sigmas(scenario), actuator_torques(scenario)
     angle = math.degrees(rotation_angle(q_e))
     slews, times = REFERENCES.selected(reference) is goal.COMPONENT, reference[GOAL_TIMES.name]
     return Task(
-        craft=craft,
+        craft=craft_of(scenario.parameters),
         error=q_e,
         duration=scenario.number(PLANT, "duration"),
         desired_rate=_desired_rate(scenario),

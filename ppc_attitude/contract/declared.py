@@ -20,6 +20,7 @@ from typing import Any
 
 from ppc_attitude.contract.parameters import SEND_TRUTH
 from ppc_attitude.contract.topics import (
+    ALLOCATOR,
     EVENTS,
     HOSTED,
     MARKERS_TOPIC,
@@ -185,6 +186,17 @@ def components_of(node: str, values: Mapping[str, Any]) -> tuple[Component, ...]
 def parameters_in_use(node: str, values: Mapping[str, Any]) -> dict[str, Parameter]:
     """Parameters, by name, of the components that a node runs; values of others have no meaning."""
     return {p.name: p for component in components_of(node, values) for p in component.parameters}
+
+
+def craft_of(parameters: NodeParameters) -> dict[str, Any]:
+    """Values, by name, of the parameters that the selected parts of the craft have.
+
+    What simulated hardware and flight software both have is that of the hardware.
+    """
+    nodes = ((node, parameters.get(node, {})) for node in (ALLOCATOR, PLANT))
+    return {
+        name: values[name] for node, values in nodes for name in parameters_in_use(node, values)
+    }
 
 
 def not_installed(parameters: NodeParameters) -> list[str]:

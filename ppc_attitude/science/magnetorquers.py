@@ -17,6 +17,11 @@
 In a field B a dipole m makes the torque m × B. By the cross-product law (Markley and Crassidis,
 section 7.5) m = (k/B²) (Δh × B), so that m × B = −k Δh⊥: of a momentum Δh only the part across the
 field is removed; but along the orbit the field turns.
+
+Δh is the momentum of the wheels. With the law `b_dot` it is that of the body, too: a craft sees
+the field turn by B' = −ω × B, so −(B × B')/B² is its rate across the field, whatever else it knows.
+With wheels at rest this is the B-dot law m = −(k J/B²) B' (Markley and Crassidis, section 7.5.1),
+which stops a tumbling craft that has no attitude yet.
 """
 
 import math
@@ -45,6 +50,7 @@ from ppc_attitude.science.kernel import (
 )
 from ppc_attitude.science.noise import normal_vector
 from ppc_attitude.science.parameter import RATE, Parameter, at_start, filled, record_type
+from ppc_attitude.science.plants.rigid_body import INITIAL_RATE
 from ppc_attitude.science.sensors.direct import SEED
 from ppc_attitude.science.stamps import whole_steps
 from ppc_attitude.science.wheels import INERTIA, MAX_SPEED, momentum
@@ -86,8 +92,17 @@ PERIOD = at_start(
 LAW = Parameter(
     "magnetorquers.law",
     "cross_product",
-    "what the dipole is: that of the cross-product law, or none",
-    choices=("cross_product", "off"),
+    "what is removed: cross_product the wheels' momentum, b_dot that of the turning body, too, off "
+    "none",
+    choices=("cross_product", "b_dot", "off"),
+)
+CRAFT_INERTIA = Parameter(
+    "magnetorquers.craft_inertia",
+    2.4,
+    "inertia J of the craft about any axis, as b_dot takes it",
+    "kg·m²",
+    above=0.0,
+    high=1e6,
 )
 NOISE = Parameter(
     "magnetorquers.magnetometer_noise",
@@ -97,11 +112,12 @@ NOISE = Parameter(
     low=0.0,
     high=1e-3,
 )
-PARAMETERS = (MAX_DIPOLE, GAIN, DEADBAND, PERIOD, LAW, NOISE, SEED)
+PARAMETERS = (MAX_DIPOLE, GAIN, DEADBAND, PERIOD, LAW, CRAFT_INERTIA, NOISE, SEED)
 MAGNETORQUERS = record_type(
     MAX_DIPOLE,
     GAIN,  # 0 if the law is off
     DEADBAND,
+    CRAFT_INERTIA,  # 0 if the body's momentum is not removed
     ("period", np.int64),  # in steps
     NOISE,
     SEED,
@@ -109,6 +125,7 @@ MAGNETORQUERS = record_type(
 )
 HELD = record_type(
     ("begun", np.int64),  # periods, the present one included
+    ("field", np.float64, (3,)),  # [T] measured when it began
     ("dipole", np.float64, (3,)),  # [A·m²] commanded, held
 )
 _dipole = partial(Column, form=VECTOR, frame=BODY, unit="A·m²")
@@ -142,16 +159,17 @@ def magnetorquer_record(values: Mapping[str, Any]) -> Any:
         MAGNETORQUERS,
         values,
         "magnetorquers.",
-        gain=values[GAIN.name] if values[LAW.name] == "cross_product" else 0.0,
+        gain=0.0 if values[LAW.name] == "off" else values[GAIN.name],
+        craft_inertia=values[CRAFT_INERTIA.name] if values[LAW.name] == "b_dot" else 0.0,
         period=whole_steps(PERIOD.name, values[PERIOD.name], values[RATE.name]),
         seed=values[SEED.name],
         rate=values[RATE.name],
     )
 
 
-def conditions(values: Mapping[str, Any], _: Task) -> Iterator[Condition]:
+def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
     """Compare what a period removes with twice the momentum, and what is left with a wheel."""
-    if values[LAW.name] == "cross_product":
+    if values[LAW.name] != "off":
         yield advisable(
             "unloading in a period",
             values[GAIN.name] * values[PERIOD.name],
@@ -163,6 +181,11 @@ def conditions(values: Mapping[str, Any], _: Task) -> Iterator[Condition]:
         held = np.multiply(values[INERTIA.name], values[MAX_SPEED.name]).min()  # [N·m·s]
         meaning = "momentum of the wheels from which on they are unloaded, against what one holds"
         yield advisable("unloading deadband", values[DEADBAND.name], held, "N·m·s", meaning)
+    if values[LAW.name] == "b_dot" and INITIAL_RATE.name in task.craft:
+        turn = float(np.linalg.norm(task.craft[INITIAL_RATE.name])) * values[PERIOD.name]
+        meaning = "turn in the time for which a dipole is held: beyond π the field shows the "
+        meaning += "opposite rate, and the dipole spins the craft up"
+        yield advisable("turn in a period", turn, math.pi / 2.0, "rad", meaning)
 
 
 def torque_of_rods(values: Mapping[str, Any]) -> float:
@@ -174,6 +197,18 @@ def torque_of_rods(values: Mapping[str, Any]) -> float:
 def within(m: Vector, most: float) -> Vector:
     """Dipole m [A·m²], scaled as a whole if it has more than `most` along an axis."""
     return scale(most / max(largest(m), most), m)
+
+
+@kernel
+def measured(b: Vector, step: int, rods: Any) -> Vector:
+    """Field B [T] with the magnetometer's noise of a step."""
+    return add(b, scale(rods.magnetometer_noise, normal_vector(rods.seed, step, _CHANNEL)))
+
+
+@kernel
+def rate_across(b: Vector, before: Vector, h: float) -> Vector:
+    """Rate ω⊥ = −(B × B')/B² [rad/s] of a body that measured B [T] now and h [s] before."""
+    return scale(1.0 / (h * dot(b, b)), cross(b, before))
 
 
 @kernel
@@ -191,9 +226,9 @@ def unloading_dipole(excess: Vector, b: Vector, step: int, rods: Any) -> Vector:
     rods
         Record of dtype `MAGNETORQUERS`.
     """
-    if norm(excess) < rods.deadband:
+    if norm(excess) < rods.deadband or b == ZERO:  # of no field, as one not yet measured
         return ZERO
-    b = add(b, scale(rods.magnetometer_noise, normal_vector(rods.seed, step, _CHANNEL)))
+    b = measured(b, step, rods)
     m = scale(rods.gain / dot(b, b), cross(excess, b))
     return within(m, rods.max_dipole)
 
@@ -211,10 +246,17 @@ def unload(inputs: Any, wheels: Any, held: Any, rods: Any) -> Vector:
         Records of dtype `WHEELS`, `HELD` and `MAGNETORQUERS`.
     """
     now = step_of(inputs.stamp_ns, rods.rate)
-    if now // rods.period + 1 != held.begun:
-        held.begun = now // rods.period + 1
-        full, b = momentum(wheels, inputs.wheel_speed), vector(inputs.magnetic_field)
-        store(held.dipole, unloading_dipole(full, b, now, rods))
+    period = now // rods.period + 1
+    if period != held.begun:
+        true, excess = vector(inputs.magnetic_field), momentum(wheels, inputs.wheel_speed)
+        b = measured(true, now, rods)
+        # The last field must be that of a period before.
+        if rods.craft_inertia > 0.0 and 0 < held.begun == period - 1 and b != ZERO:
+            rate = rate_across(b, vector(held.field), rods.period / rods.rate)
+            excess = add(excess, scale(rods.craft_inertia, rate))
+        held.begun = period
+        store(held.field, b)
+        store(held.dipole, unloading_dipole(excess, true, now, rods))
     if rods.gain == 0.0:  # switched off in flight, it holds nothing
         store(held.dipole, ZERO)
     return vector(held.dipole)
