@@ -26,7 +26,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 from synthetic import part_of, requirement, with_columns, with_parameters, with_rows
-from test_goal_reference import flight, given_in_flight
+from test_goal_reference import START, flight, given_in_flight
 
 from ppc_attitude.analysis.drawing import BLUE, ORANGE, RED
 from ppc_attitude.analysis.figures import figures_of
@@ -35,6 +35,7 @@ from ppc_attitude.analysis.guidance_figures import guidance_drawings
 from ppc_attitude.analysis.interactive import plotted
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.metrics import Verdict
+from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.analysis.series import AnalysisError
 from ppc_attitude.contract.run_record import Change, RunRecord
 from ppc_attitude.contract.topics import ENABLED, ESTIMATOR, PLANT, REFERENCE
@@ -150,6 +151,25 @@ def test_a_refused_order_is_no_run_that_meets_all(record: RunRecord) -> None:
     assert (row.value, row.met) == (0.0, True)
     resting = Verdict(simulate(flight(), 2.0))
     assert "refused_orders" not in {row.key for row in resting.requirements}
+
+
+def test_the_time_to_a_goal_is_judged_if_it_has_a_limit() -> None:
+    """90° within V, A and K take θ/V + V/A + A/K; the law keeps the error small on the way."""
+    there = (Rotation.from_quat(START) * Rotation.from_euler("z", 90.0, degrees=True)).as_quat()
+    orders = (5.0, "inertial", there), (80.0, "inertial", START), (100.0, "inertial", there)
+    flown, takes = simulate(flight(**goals(*orders)), 130.0), 90.0 / 2.0 + 2.0 / 0.4 + 0.4 / 0.2
+    assert "goal_time" not in {row.key for row in Verdict(flown).requirements}
+    # The second order gives way after 20 s, and the run ends 30 s after the third.
+    for limit in (takes - 1.0, takes + 1.0):
+        row = requirement(Verdict(flown, Requirements(goal=limit)), "goal_time")
+        assert row.value == pytest.approx(takes, abs=0.051)
+        assert (row.met, row.reason) == (limit > takes, "that of the order at 5 s")
+    on_its_way = part_of(flown, flown.t <= 45.0)
+    row = requirement(Verdict(on_its_way, Requirements(goal=40.0)), "goal_time")
+    assert (row.value, row.met) == (pytest.approx(40.0), False)
+    assert row.reason == "that of the order at 5 s, and was not reached"
+    row = requirement(Verdict(on_its_way, Requirements(goal=41.0)), "goal_time")
+    assert (row.met, row.reason) == (None, "no order held for 41 s, or until its goal was reached")
 
 
 def test_figures_show_ways_sky_and_angles(

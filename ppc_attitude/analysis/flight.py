@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from ppc_attitude.analysis.gaps import absent_in
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.series import has, is_finite, samples
+from ppc_attitude.analysis.series import has, is_finite, samples, zero_ns
 from ppc_attitude.analysis.truth import truth_of
 from ppc_attitude.analysis.verdict import Requirement
 from ppc_attitude.contract.run_record import Array, RunRecord
@@ -50,7 +50,7 @@ from ppc_attitude.science.kinds import REFERENCES
 from ppc_attitude.science.orbit import CURSOR
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references import goal
-from ppc_attitude.science.stamps import nanoseconds, seconds
+from ppc_attitude.science.stamps import NANOSECONDS, instant, nanoseconds, seconds
 
 _SAMPLES = 1500  # of the goal and the cones over a run
 
@@ -206,21 +206,53 @@ def pointed(attitudes: Array, axis: Any) -> Array:
 
 
 def judge_orders(run: Measured) -> Iterator[Requirement]:
-    """Judge that every order was followed: a refused one leaves the reference where it was."""
+    """Judge that every order was followed: a refused one leaves the reference where it was.
+
+    If there is a limit, the time to the goals that were ordered is judged, too.
+    """
     obeyed = refused = 0
     reason, why, flown = "", "", None
+    ways: list[tuple[float, float]] = []  # [s] of each order that is followed, and of its arrival
     try:
-        for _, part, _ in _flown(run.record, 1):
+        for k, part, _ in _flown(run.record, 1):
             if part is not flown:
                 flown, before = part, (obeyed, refused)
-            state = part.state[0]
+            state, known = part.state[0], obeyed
             obeyed, refused = before[0] + int(state["obeyed"]), before[1] + int(state["refused"])
+            if obeyed > known and state["outcome"] == ACCEPTED:
+                arrives = state["plans"][state["active"]]["end"] - zero_ns(run.record) / NANOSECONDS
+                ways.append((float(run.t[k]), float(arrives)))
             if refused and not reason and state["outcome"] != ACCEPTED:  # the last of an instant
                 reason = part.advice.text
     except ConfigurationError as error:  # a bag may hold any parameters
         why = str(error)
     if obeyed or why:
         yield run.row("refused_orders", float(refused), 0.0, why=why, note=reason)
+    if ways and run.required.goal is not None:
+        yield _judge_ways(run, ways, run.required.goal)
+
+
+def _judge_ways(run: Measured, ways: list[tuple[float, float]], limit: float) -> Requirement:
+    """Judge the longest time from an order to its goal, of the orders that held for long enough.
+
+    The craft is at a goal when the desired motion is, and its error has settled. An order that
+    gave way to the next one sooner than the limit shows nothing.
+    """
+    settled = run.size(run.required.settled) < run.required.settled.limit  # False for NaN
+    longest, note = None, ""
+    ends = [*(ordered for ordered, _ in ways[1:]), run.end]
+    for (ordered, arrives), until in zip(ways, ends, strict=True):
+        there = np.flatnonzero(settled & (run.t >= arrives) & (run.t <= until))
+        took = float(run.t[there[0]] if there.size else until) - ordered
+        if (there.size or took >= limit) and (longest is None or took > longest):
+            longest = took
+            at = "" if there.size else ", and was not reached"
+            note = f"that of the order at {instant(ordered)} s{at}"
+    why = run.lacks_attitude
+    if longest is None:
+        why = why or f"no order held for {limit:g} s, or until its goal was reached"
+    row = ("goal_time", longest, limit, "s", why)
+    return run.row(*row, strict=True, note=note, absent=run.absent)
 
 
 def angles_to_cones(record: RunRecord, column: str, values: Mapping[str, Any]) -> Array:

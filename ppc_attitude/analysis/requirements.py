@@ -77,6 +77,7 @@ class Requirements:
     outside_after_hit: float | None = 0.5
     """How long a sudden disturbance may put a rate error outside its envelope [s]."""
     momentum: float | None = None  # largest momentum of the wheels together [N·m·s]
+    goal: float | None = None  # longest time from an order to its goal [s]
     knowledge: Accuracy | None = None  # how far what the controller is told may be from the truth
     limits: Mapping[str, float] = field(default_factory=dict)
     """Column of the record, such as `wheel_torque`, to what each of its numbers may reach."""
@@ -95,8 +96,8 @@ def _plain(value: Any) -> Any:
 PAPER = Requirements()
 _NAMES = tuple(each.name for each in fields(Requirements))
 _ACCURACIES = ("settled", "terminal", "knowledge")
-_TIMES = ("settling_deadline", "terminal_window", "recovery", "outside_after_hit")
-_OPTIONAL = ("terminal", "rate", "torque", "outside_after_hit", "momentum", "knowledge")
+_TIMES = ("settling_deadline", "terminal_window", "recovery", "outside_after_hit", "goal")
+_OPTIONAL = ("terminal", "rate", "torque", "outside_after_hit", "momentum", "goal", "knowledge")
 
 
 def load_requirements(paths: Iterable[Path]) -> Requirements:
@@ -159,6 +160,7 @@ def names_of(required: Requirements) -> dict[str, str]:
         "wheel_speed": "speed of a wheel, share of its limit",
         "fuel": "fuel that the thrusters used",
         "refused_orders": "orders that the guidance refused",
+        "goal_time": "time from an order to its goal",
         "keep_out": "angle inside a keep-out cone",
         "certificate": "certificate held: time outside its bounds",
         "reported_error": "difference in the reported attitude error",
