@@ -20,11 +20,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from synthetic import (
     hit_run,
     normal_run,
     part_of,
     requirement,
+    turned,
     with_columns,
     with_error,
     with_parameters,
@@ -34,7 +36,7 @@ from synthetic import (
 from test_metrics import constant_error
 
 from ppc_attitude.analysis.metrics import Verdict
-from ppc_attitude.analysis.requirements import PAPER, Accuracy
+from ppc_attitude.analysis.requirements import DEGREES, PAPER, Accuracy
 from ppc_attitude.analysis.series import AnalysisError
 from ppc_attitude.command_line.verdict_view import verdict_table
 from ppc_attitude.contract.topics import PLANT
@@ -366,6 +368,23 @@ def test_a_reported_error_and_knowledge_that_are_long_not_on_record_are_not_judg
     run = with_rows(normal_run(), "attitude_error", slice(100, 2000), np.nan)
     assert requirement(Verdict(run), "reported_error").met is None
     run = with_columns(normal_run(), truth_attitude=normal_run()["attitude"])
-    run = with_rows(run, "truth_attitude", slice(100, 2000), np.nan)
+    run = with_rows(run, "truth_attitude", slice(7000, 9000), np.nan)
     required = replace(PAPER, knowledge=Accuracy(1e-3))
     assert requirement(Verdict(run, required), "knowledge").met is None
+
+
+def test_a_filter_has_until_the_settling_deadline_to_know_the_attitude():
+    run = normal_run()
+    turns = np.tile([1.0, 0.0, 0.0], (run.stamps_ns.size, 1))
+    turns[:6000] *= 0.1  # [rad] until the deadline of 60 s
+    turns[6000:] *= 1e-4
+    told = turned(run["attitude"], Rotation.from_rotvec(turns).as_quat())
+    run = with_columns(run, truth_attitude=run["attitude"], attitude=told)
+    for accuracy, met in ((1.1e-4, True), (9e-5, False)):
+        angle = Accuracy(np.rad2deg(accuracy), DEGREES)
+        row = requirement(Verdict(run, replace(PAPER, knowledge=angle)), "knowledge")
+        assert (row.met, row.span) == (met, (60.0, 120.0))
+        assert row.value == pytest.approx(np.rad2deg(1e-4))
+    short = part_of(run, slice(5000))
+    row = requirement(Verdict(short, replace(PAPER, knowledge=Accuracy(1e-3))), "knowledge")
+    assert (row.met, row.reason) == (None, "the run ends at 49.99 s, before the settling deadline")

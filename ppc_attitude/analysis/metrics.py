@@ -41,8 +41,8 @@ verdict says why. T is the settling deadline and R the time allowed for a recove
 - *Certificate*: time outside what the law's certificate promises, while its assumptions, as far as
   the record shows them, held; two samples after one was broken the promise begins anew.
 - *Reported error*: what the controller reports against what follows from what it was told.
-- *Knowledge*: what the controller was told against the truth, if the record has both: within the
-  limit that the requirements set, or within what the configured noise explains.
+- *Knowledge*: what the controller was told against the truth, if the record has both: from T on
+  within the limit that the requirements set, or else within what the configured noise explains.
 - *Filter*: the share of knowledge errors outside the filter's own 3σ, the mean of its squared
   innovations, and the good fixes it refused (`filter_health`).
 - *What is not on record* for more than ten steps is left out of errors, rate, envelopes, largest
@@ -377,21 +377,23 @@ class Verdict(Measured):
         yield self.row("reported_error", largest(apart), ROUNDING, absent=absent)
 
     def _knowledge(self) -> Iterator[Requirement]:
-        """Judge the knowledge error, by the requirement or else by the noise that explains it."""
-        accuracy, standing = self.required.knowledge, self.truth.standing
-        sensors, noise = SENSORS.selected(self.plant), self.plant.get("attitude_noise")
-        has_noise = sensors is not None and "attitude_noise" in sensors.defaults
-        if accuracy is None and standing == RECORDED and has_noise and noise:
+        """Judge the knowledge error, from T on by the requirement, or else by the known noise."""
+        accuracy, columns = self.required.knowledge, (TRUE_ATTITUDE.column, ATTITUDE.column)
+        why, where, span = self.lacks(*columns), self.from_deadline, self.span_from_deadline
+        if accuracy is not None:
+            why = why or self.ends_before(self.required.settling_deadline, "the settling deadline")
+        else:
+            sensors, noise = SENSORS.selected(self.plant), self.plant.get("attitude_noise")
+            has_noise = sensors is not None and "attitude_noise" in sensors.defaults
+            if self.truth.standing != RECORDED or not has_noise or not noise:
+                return
             accuracy = Accuracy(float(np.rad2deg(NOISE_EXPLAINS * float(noise))), DEGREES)
-        if accuracy is None:
-            return
-        value = largest(self.knowledge.in_unit_of(accuracy)) if self.knowledge else None
-        columns = (TRUE_ATTITUDE.column, ATTITUDE.column)
-        why = self.lacks(*columns)
-        if self.required.knowledge is None:
             why = why or self.changed(PLANT, "attitude_noise")
-        if standing == EXACT:
+            where, span = self.t >= self.begin, self.whole
+        value = largest(self.knowledge.in_unit_of(accuracy), where) if self.knowledge else None
+        if self.truth.standing == EXACT:
             value, why = 0.0, ""
         absent = absent_in(self.record, *columns) if self.knowledge else ()
-        row = ("knowledge", value, accuracy.limit, accuracy.unit, why)
-        yield self.row(*row, strict=True, without=self.untold, absent=absent)
+        row = ("knowledge", value, accuracy.limit, accuracy.unit, why, span)
+        untold = clipped(self.untold, span)
+        yield self.row(*row, strict=True, without=untold, absent=absent)
