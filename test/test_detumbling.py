@@ -15,6 +15,7 @@
 """Magnetorquers that stop a tumbling craft by the B-dot law, and what the craft does then."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -126,6 +127,27 @@ def test_a_craft_without_an_attitude_is_slowed_until_it_has_one_and_then_points(
     off = case(*CRAFT, **slower, magnetorquers__law="cross_product")
     lost = simulate(off, 600.0)
     assert not np.any(lost["attitude"])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("first", "given"),
+    [
+        (1155.0, {}),
+        (1488.0, {"faults": ["magnetorquer/x effectiveness 0"]}),
+        (1521.0, {"faults": ["magnetorquer/z stuck 3"]}),
+        (2553.0, {"magnetorquers__gain": 1e-3}),
+    ],
+)
+def test_the_first_fix_comes_when_the_page_says(first: float, given: dict[str, Any]) -> None:
+    """`docs/actuators.md` has these times, of the craft as it is shipped and of changed ones."""
+    record = simulate(case(*CRAFT, **given), first + 100.0)
+    known = np.any(record["attitude"] != 0.0, axis=1)
+    assert record.t[np.argmax(known)] == pytest.approx(first, abs=1.0)
+    assert np.abs(record["attitude_error"][-100:, :3]).max() < 5e-4
+    if not given:
+        verdict = Verdict(record, Requirements(settling_deadline=first, rate=None, terminal=None))
+        assert verdict.metrics.settling_time_s == pytest.approx(1216.0, abs=1.0)
 
 
 @pytest.mark.parametrize("node", [PLANT, ALLOCATOR])
