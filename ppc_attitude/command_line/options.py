@@ -21,6 +21,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
+from itertools import permutations
 from typing import Any, TextIO
 
 from ppc_attitude.analysis.metrics import Verdict
@@ -172,14 +173,22 @@ def add_judging_options(parser: argparse.ArgumentParser) -> None:
 
 
 def requirements_of(arguments: argparse.Namespace) -> Requirements:
-    """Read the requirements, before any work, and refuse a report's title without a report.
+    """Read the requirements, before any work, and refuse options that do not go together.
 
     Raises
     ------
     ConfigurationError
-        A file or an option is wrong.
+        A file or an option is wrong, there is a report's title without a report, or a file would
+        stand where another output is or has its folder.
     """
     see_that_none_is_idle(arguments, arguments.report, "a report: --report FILE.html", "mission")
+    outputs = ("bag", "out", "figures", "export", "report")
+    given = {name: path for name in outputs if (path := getattr(arguments, name, None))}
+    for file, other in permutations(given, 2):
+        path, place = given[file].resolve(), given[other].resolve()
+        if file in ("export", "report") and path in (place, *place.parents):
+            allowed = f"allowed: another path than that of --{file}"
+            raise ConfigurationError(f"{other} = {given[other]}; {allowed}")
     return load_requirements(arguments.requirements)
 
 
