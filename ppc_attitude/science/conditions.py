@@ -43,9 +43,12 @@ class Condition:
     unit : str
         Of both.
     necessary : bool
-        False for a sufficient condition that may be violated, as the paper's numbers do.
+        False for one that may be violated.
     meaning : str
         What it says.
+    sufficient : bool, optional
+        True if it promises something, which a run may keep without it, too: that it does not hold
+        is told, and is no warning.
     """
 
     name: str
@@ -55,6 +58,7 @@ class Condition:
     unit: str
     necessary: bool
     meaning: str
+    sufficient: bool = False
 
     def __post_init__(self) -> None:
         """Refuse what compares nothing or cannot be printed; make NumPy's numbers plain ones."""
@@ -78,6 +82,13 @@ class Condition:
 def advisable(name: str, value: float, limit: float, unit: str, meaning: str) -> Condition:
     """Condition ``value ≤ limit`` that may be violated, with a warning: it is advice."""
     return Condition(name, value, limit, "≤", unit, False, meaning)
+
+
+def promised(
+    name: str, value: float, relation: str, limit: float, unit: str, meaning: str
+) -> Condition:
+    """Condition that suffices for what its meaning says; a run may keep that without it, too."""
+    return Condition(name, value, limit, relation, unit, False, meaning, sufficient=True)
 
 
 @dataclass(frozen=True)

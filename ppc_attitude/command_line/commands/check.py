@@ -81,7 +81,8 @@ DESCRIPTION = (
     "Checks whether the envelopes are feasible, the conditions S1 to S5, the least time that the "
     "requirements need, the gain and phase that the loop bears, parameters out of proportion to "
     "the craft, and the start. For the momentum-tube law it proves the certificate anew. A "
-    "condition that is violated with a warning is sufficient or advisable, not necessary."
+    "condition that is violated with a warning is advisable, not necessary. What is not promised "
+    "may hold all the same: its condition is sufficient, not necessary."
 )
 EXAMPLES = (
     "ppc_attitude check --config config/paper.yaml --json",
@@ -256,4 +257,6 @@ def _given(parts: Mapping[str, Part], column: str) -> tuple[Any, ...]:
 def _verdict(condition: Condition) -> str:
     if condition.holds:
         return "holds"
-    return "VIOLATED" if condition.necessary else "warning: violated"
+    if condition.necessary:
+        return "VIOLATED"
+    return "not promised" if condition.sufficient else "warning: violated"
