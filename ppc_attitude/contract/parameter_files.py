@@ -43,7 +43,7 @@ def read_files(paths: Iterable[Path | str]) -> dict[str, dict[str, Any]]:
         )
     merged: dict[str, dict[str, Any]] = {}
     for path in map(Path, paths):
-        for node, values in _read_file(path):
+        for node, values in read_file(path):
             if node == "**":
                 _update_every_node(merged, values, path)
             else:
@@ -67,7 +67,7 @@ def _update_every_node(
             merged.setdefault(node, {})[name] = value
 
 
-def _read_file(path: Path) -> list[tuple[str, dict[str, Any]]]:
+def read_file(path: Path) -> list[tuple[str, dict[str, Any]]]:
     """Node names, or ** for all, with their flat parameters, in the file's order."""
     inode = path.stat().st_ino if path.is_fifo() else None
     content = _read_once(path, inode) if inode else read(path, "configuration file")

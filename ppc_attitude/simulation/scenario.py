@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.contract.declared import columns_of, components_of, parameters_in_use
-from ppc_attitude.contract.parameter_files import read_files
+from ppc_attitude.contract.parameter_files import read_file, read_files
 from ppc_attitude.contract.parameters import OWN, PARAMETERS, SEND_TRUTH
 from ppc_attitude.contract.topics import (
     ALLOCATOR,
@@ -334,15 +334,19 @@ def idle_parameters(paths: Sequence[Path | str], found: Scenario) -> list[str]:
     """Parameters that files set to other values than the defaults, but that nothing selected has.
 
     Those of laws are left out: one file may have the numbers of several, of which one is selected.
+    The name of one that something selected of another node has begins with that of its node.
     """
-    used = set().union(*found.used.values())
+    every = set().union(*found.used.values())
+    used = {**found.used, "**": every}
     return sorted(
         {
-            parameter.name
-            for node, chosen in read_files(paths).items()
+            f"{node}.{parameter.name}" if parameter.name in every else parameter.name
+            for path in paths
+            for told, chosen in read_file(Path(path))
+            for node in (PARAMETERS if told == "**" else [told])
             for parameter in PARAMETERS[node]
-            if node != CONTROLLER and parameter.name in chosen.keys() - used
-            if found.parameters[node][parameter.name] != parameter.default
+            if node != CONTROLLER and parameter.name in chosen.keys() - used[told]
+            if chosen[parameter.name] != parameter.default
         }
     )
 
