@@ -154,6 +154,36 @@ def test_a_search_says_that_its_scheduler_was_lost(
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("cluster", [1], indirect=True)
+def test_a_cluster_that_has_lost_all_its_workers_is_told_once(
+    cluster: Cluster,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """Dask waits without a word for a worker that may never come."""
+    monkeypatch.setattr(pools, "_LOOK", 0.1)
+    stop, told = threading.Event(), "has no worker: waiting for one\n"
+
+    def kill_all(done: int) -> None:
+        if done == 20:
+            assert told not in capfd.readouterr().err
+            cluster.workers[0].send_signal(signal.SIGKILL)
+            threading.Timer(3.0, stop.set).start()
+
+    cut = run_campaign(
+        small(duration=60.0, rate=100.0),
+        100_000,
+        tmp_path / "away",
+        scheduler=cluster.address,
+        progress=kill_all,
+        stopping=lambda: nullcontext(stop),
+    )
+    assert 20 <= cut.summary.runs < 1000
+    assert capfd.readouterr().err.count(told) == 1
+
+
+@pytest.mark.long
 def test_a_stop_leaves_the_cluster_free(cluster: Cluster, tmp_path: Path) -> None:
     stop = threading.Event()
 

@@ -21,6 +21,7 @@ process that computed was lost (killed, out of memory) rather than that the runs
 import asyncio
 import contextlib
 import os
+import sys
 from collections.abc import Iterator
 from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -35,6 +36,7 @@ from ppc_attitude.processes.child import Child
 from ppc_attitude.science.errors import ConfigurationError, needed_by
 
 _PATIENCE = 30.0  # [s] for a scheduler to answer, and for its first worker
+_LOOK = 5.0  # [s] between looks at whether a cluster has workers
 
 
 def cores() -> int:
@@ -208,7 +210,19 @@ def connected(address: str) -> Any:
             f"scheduler = {address}: no Dask scheduler with a worker answers "
             f"within {_PATIENCE:g} s ({error})"
         ) from None
+    client.loop.add_callback(_tell_if_deserted, client, address)
     return client
+
+
+async def _tell_if_deserted(client: Any, address: str) -> None:
+    """Tell once that no worker is left, for which Dask waits without a word."""
+    with contextlib.suppress(OSError):  # a lost scheduler is told by others
+        if client.status == "running" and not await client.nthreads():
+            # The line on which a progress bar stands is left to it.
+            print(f"\nthe scheduler {address} has no worker: waiting for one", file=sys.stderr)
+            return
+    if client.status not in ("closing", "closed"):
+        client.loop.call_later(_LOOK, _tell_if_deserted, client, address)
 
 
 def cut_off() -> tuple[type[BaseException], ...]:
