@@ -63,9 +63,10 @@ def cubesat(**controller: Any) -> Campaign:
     return replace(campaign(EVERY_START, base, seed=0), required=REQUIRED)
 
 
-def search(candidates: int) -> Tuned:
+def search(candidates: int, required: Requirements = REQUIRED) -> Tuned:
+    of = replace(cubesat(), required=required)
     with ThreadPoolExecutor(2) as threads:
-        return tuned(cubesat(), 60.0, threads, runs=3, fresh=12, candidates=candidates)
+        return tuned(of, 60.0, threads, runs=3, fresh=12, candidates=candidates)
 
 
 def test_a_search_settles_sooner_than_the_gains_it_began_with() -> None:
@@ -76,6 +77,13 @@ def test_a_search_settles_sooner_than_the_gains_it_began_with() -> None:
     assert begun.missed["settling time"] == 12 - begun.fraction.met
     assert found.fraction.met > begun.fraction.met
     assert found.settling[0] < min(begun.settling[0], 80.0)
+    assert list(found.never_met) == []
+
+
+def test_what_no_gains_can_meet_is_told_from_what_some_runs_miss() -> None:
+    found = search(10, replace(REQUIRED, rate=1e-3, settling_deadline=80.0))
+    assert list(found.never_met) == ["angular rate (norm)"]
+    assert found.missed["settling time"] < found.missed["angular rate (norm)"] == 12
 
 
 def test_a_search_ends_between_two_runs_when_its_time_is_over(
@@ -179,6 +187,10 @@ def test_design_writes_gains_and_says_that_they_are_no_guarantee(
     declared.write_text(f"campaign: {{parameters: {{{CONTROLLER}.{GAIN}: 0.2}}}}\n")
     varies = ["--config", craft, *law[:4], "--campaign", declared]
     assert f"the campaign varies {GAIN}" in ask("design", *varies, code=2).err
+    hard = tmp_path / "hard.yaml"
+    hard.write_text("rate: 1.0e-3\n")  # [deg/s]
+    told = ask("design", "--config", craft, *law, "--requirements", hard, code=1).out
+    assert "no gains met, in any run of the search: angular rate (norm)" in told
     law[1] = "ppc"  # with the D_m of another craft
     told = ask("design", "--config", craft, *law, code=1).out
     assert "warning: check warns of these gains: loop margin, torque at rest" in told

@@ -22,9 +22,9 @@ Such a Monte Carlo verdict is an estimate and no guarantee.
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -51,11 +51,12 @@ _WIDTH = 0.5  # of the first generation, in natural logarithms
 _MISSED = 1e3  # of a run that misses a requirement: more than all else that is counted
 _NEAR = 0.95  # of a limit: from here on a run that meets it costs something
 _WORST = 1e6  # of a run that breaks
+_BROKE = "the run broke"
 
 
 @dataclass(frozen=True)
 class Tuned:
-    """The result of a search; all but its first two are of the fresh runs."""
+    """The result of a search; all but its first two and its last are of the fresh runs."""
 
     gains: Mapping[str, float]  # parameters of the controller
     candidates: int  # how many sets of gains were tried
@@ -64,6 +65,8 @@ class Tuned:
     """Median and largest settling time [s]; infinite if a run never settles."""
     missed: Mapping[str, int]
     """How many runs missed a requirement, by its name; the most missed comes first."""
+    never_met: Sequence[str] = ()
+    """Which of these no run of the search met, whatever the gains."""
 
 
 def tuned(
@@ -121,7 +124,9 @@ def tuned(
         for k in range(runs):
             if is_over():
                 return math.inf  # a candidate that has not flown all runs is not compared
-            costs.append(cost(_verdict(campaign, k, gains)))
+            verdict = _verdict(campaign, k, gains)
+            costs.append(cost(verdict))
+            met.update(each.name for each in (verdict.requirements if verdict else ()) if each.met)
         return float(np.mean(costs))
 
     def is_over() -> bool:
@@ -132,6 +137,7 @@ def tuned(
     )
     end = time.monotonic() + seconds
     best, least, tried = np.zeros(begin.size), math.inf, 0
+    met = {_BROKE}  # by some run of the search; this one is no requirement
     questions = [best]  # the configured gains are the first candidate
     while tried < candidates and not is_over() and not strategy.stop():
         costs = list(executor.map(mean_cost, questions))
@@ -142,7 +148,8 @@ def tuned(
             least, best = min(costs), questions[int(np.argmin(costs))]
         progress(tried, least)
         questions = strategy.ask()
-    return _judged(campaign, gains_of(best), tried, range(runs, runs + fresh), executor)
+    found = _judged(campaign, gains_of(best), tried, range(runs, runs + fresh), executor)
+    return replace(found, never_met=[each for each in found.missed if each not in met])
 
 
 def cost(verdict: Verdict | None) -> float:
@@ -186,7 +193,7 @@ def _judged(
     def fly(index: int) -> tuple[bool, float, list[str]]:
         verdict = _verdict(campaign, index, gains)
         if verdict is None:
-            return False, math.inf, ["the run broke"]
+            return False, math.inf, [_BROKE]
         missed = [each.name for each in verdict.requirements if each.met is False]
         return verdict.all_met, _settling(verdict, math.inf), missed
 

@@ -94,6 +94,7 @@ def _told(found: Tuned, law: str, violated: list[str]) -> list[str]:
         f"requirement that they are judged by: {found.fraction} with 95 % confidence",
         f"settled: {times}",
         *(f"missed in {count} runs: {name}" for name, count in found.missed.items()),
+        *(f"no gains met, in any run of the search: {name}" for name in found.never_met),
         *([f"warning: check warns of these gains: {', '.join(violated)}"] if violated else []),
         "this is an estimate and no guarantee: momentum_tube is the law that has one",
     ]
