@@ -103,13 +103,14 @@ def _following(
 
 
 def _rates(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
-    """The bound of v, and the largest rates: once settled, and in slews with the error's share."""
-    bound = virtual_control_bound(values)
+    """The largest rates: in a turn, once settled, and in slews with the error's share."""
+    bound, desired, limit = virtual_control_bound(values), task.desired_rate, task.rate_limit
+    if limit is None:
+        return
     speed = math.degrees(values["k"] * values["M_omega"])
-    meaning = "max‖v‖ ≤ k M_ω, as the paper claims; true with virtual_control: norm only"
-    yield promised("bound of v", math.degrees(bound), "≤", speed, "deg/s", meaning)
-    desired, limit = task.desired_rate, task.rate_limit
-    if limit is None or desired is None:
+    meaning = "k M_ω: at this rate the law turns the craft about one axis, from a large error"
+    yield advisable("rate of the law", speed, limit, "deg/s", meaning)
+    if desired is None:
         return
     total = math.degrees(bound + desired + math.sqrt(3.0) * values["rate_envelope.terminal"])
     meaning = "max‖v‖ + max‖ω_d‖ + √3 g∞ of ρ_ω: guaranteed once z2 is inside its envelope"
