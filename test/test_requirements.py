@@ -20,7 +20,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from craft_helpers import configs
-from synthetic import normal_run, requirement, turned, with_columns, with_error
+from synthetic import (
+    hit_run,
+    normal_run,
+    requirement,
+    turned,
+    with_columns,
+    with_error,
+    without_columns,
+)
 
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import (
@@ -196,6 +204,31 @@ def test_noise_that_was_changed_in_flight_explains_no_one_knowledge_error(tmp_pa
     assert (row.met, row.reason) == (None, "attitude_noise was changed in flight")
     own = load_requirements([written(tmp_path, "knowledge: 0.1 deg\n")])
     assert requirement(Verdict(run, own), row.key).met
+
+
+def test_torque_that_alternates_is_judged_by_its_amplitude_once_settled() -> None:
+    """±a has the amplitude a, and a sine A sin 2πft the RMS A sin²(πfh)/√2 of its curvature."""
+    run, required = hit_run(hits=(80.0,)), Requirements(chatter=5e-4)
+    assert "chatter" not in {row.key for row in Verdict(run).requirements}
+    sign, torque = np.where(np.arange(run.t.size) % 2, -1.0, 1.0), np.zeros((run.t.size, 3))
+    torque[:, 0] = 0.02 * np.sin(2.0 * np.pi * 5.0 * run.t)
+    early, recovering = run.t < 59.9, (run.t >= 80.0) & (run.t < 89.9)
+    torque[:, 1] = 0.05 * sign * (early | recovering)
+    torque[:, 2] = 0.03
+    row = requirement(Verdict(with_columns(run, applied_torque=torque), required), "chatter")
+    sine = 0.02 * np.sin(np.pi * 5.0 * 0.01) ** 2 / np.sqrt(2.0)
+    assert row.value == pytest.approx(sine, rel=1e-3)
+    assert (row.met, row.unit, row.span, row.without) == (
+        True,
+        "N·m",
+        (60.0, 120.0),
+        ((80.0, 90.0),),
+    )
+    torque[:, 1] += 1e-3 * sign
+    row = requirement(Verdict(with_columns(run, applied_torque=torque), required), "chatter")
+    assert (row.value, row.met) == (pytest.approx(1e-3, rel=1e-9), False)
+    row = requirement(Verdict(without_columns(run, "applied_torque"), required), "chatter")
+    assert (row.met, row.reason) == (None, "no topic applied_torque in the bag")
 
 
 def test_required_knowledge(tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ from ppc_attitude.analysis.guarantee import judge_certificate
 from ppc_attitude.analysis.hits import window
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Accuracy, Requirements, outside_names
-from ppc_attitude.analysis.reserves import judge_fuel, judge_wheels
+from ppc_attitude.analysis.reserves import judge_actuators
 from ppc_attitude.analysis.series import has, is_regular, largest, samples, zero_ns
 from ppc_attitude.analysis.truth import EXACT, RECORDED, lost
 from ppc_attitude.analysis.verdict import (
@@ -217,8 +217,7 @@ class Verdict(Measured):
             yield self._recovered(late)
         for column, limit in required.limits.items():
             yield self._column(f"limit_{column}", column, limit)
-        yield from judge_wheels(self)
-        yield from judge_fuel(self)
+        yield from judge_actuators(self)
         yield from judge_orders(self)
         yield from judge_cones(self)
         yield from judge_certificate(self)

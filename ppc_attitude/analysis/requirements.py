@@ -76,6 +76,8 @@ class Requirements:
     recovery: float = 10.0  # longest recovery from a sudden disturbance [s]
     outside_after_hit: float | None = 0.5
     """How long a sudden disturbance may put a rate error outside its envelope [s]."""
+    chatter: float | None = None
+    """Amplitude of torque that alternates from sample to sample, from the deadline on [N·m]."""
     momentum: float | None = None  # largest momentum of the wheels together [N·m·s]
     goal: float | None = None  # longest time from an order to its goal [s]
     knowledge: Accuracy | None = None  # how far what the controller is told may be from the truth
@@ -97,7 +99,16 @@ PAPER = Requirements()
 _NAMES = tuple(each.name for each in fields(Requirements))
 _ACCURACIES = ("settled", "terminal", "knowledge")
 _TIMES = ("settling_deadline", "terminal_window", "recovery", "outside_after_hit", "goal")
-_OPTIONAL = ("terminal", "rate", "torque", "outside_after_hit", "momentum", "goal", "knowledge")
+_OPTIONAL = (
+    "terminal",
+    "rate",
+    "torque",
+    "outside_after_hit",
+    "chatter",
+    "momentum",
+    "goal",
+    "knowledge",
+)
 
 
 def load_requirements(paths: Iterable[Path]) -> Requirements:
@@ -156,6 +167,7 @@ def names_of(required: Requirements) -> dict[str, str]:
         **{key: name for each in ENVELOPES for key, name in outside_names(each).items()},
         "recovery": "recovery from a sudden disturbance",
         **{f"limit_{column}": column.replace("_", " ") for column in required.limits},
+        "chatter": "torque that alternates from sample to sample",
         "momentum": "momentum of the wheels (norm)",
         "wheel_speed": "speed of a wheel, share of its limit",
         "fuel": "fuel that the thrusters used",

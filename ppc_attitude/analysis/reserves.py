@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the actuators of a run have left: the wheels' speed for more momentum, and fuel.
+"""What the actuators of a run were asked for, and have left: speed of wheels, and fuel.
 
 Numbers of wheels and tank are the plant's parameters; a bag may lack them.
 """
@@ -27,7 +27,7 @@ from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.series import has, is_finite, largest, samples
 from ppc_attitude.analysis.verdict import Requirement
 from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.contract.topics import PLANT
+from ppc_attitude.contract.topics import APPLIED_TORQUE, PLANT
 from ppc_attitude.science import wheels
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.stamps import instant
@@ -57,7 +57,32 @@ def wheel_momentum(record: RunRecord) -> Array | None:
     return None
 
 
-def judge_wheels(run: Measured) -> Iterator[Requirement]:
+def judge_actuators(run: Measured) -> Iterator[Requirement]:
+    """Judge the torque's chatter, the wheels' momentum and speed, and the fuel."""
+    if run.required.chatter is not None:
+        yield _chatter(run, run.required.chatter)
+    yield from _judge_wheels(run)
+    yield from _judge_fuel(run)
+
+
+def _chatter(run: Measured, limit: float) -> Requirement:
+    """Judge the torque that alternates from sample to sample once the craft has settled.
+
+    Its amplitude is the root mean square of (τ_k − 2 τ_{k−1} + τ_{k−2})/4 on the worst axis: a for
+    a torque that alternates between a and −a, and h² τ''/4 for a smooth one.
+    """
+    torque, unit = APPLIED_TORQUE.column, "N·m"
+    if why := run.lacks(torque) or run.lacks_settled:
+        return run.row("chatter", None, limit, unit, why)
+    swing = np.diff(samples(run.record, torque), 2, axis=0) / 4.0
+    swing = swing[run.settled[2:] & np.isfinite(swing).all(axis=1)]
+    most = float(np.sqrt(np.square(swing).mean(axis=0)).max()) if swing.size else None
+    span, absent = run.span_from_deadline, absent_in(run.record, torque)
+    row = ("chatter", most, limit, unit, "", span)
+    return run.row(*row, without=run.recoveries, absent=absent)
+
+
+def _judge_wheels(run: Measured) -> Iterator[Requirement]:
     """Judge the wheels' momentum, and whether they could take it up."""
     absent = absent_in(run.record, wheels.SPEED.name) if has(run.record, wheels.SPEED.name) else ()
     if run.required.momentum is not None:
@@ -79,7 +104,7 @@ def judge_wheels(run: Measured) -> Iterator[Requirement]:
         yield run.row(*row, note=note, absent=absent)
 
 
-def judge_fuel(run: Measured) -> Iterator[Requirement]:
+def _judge_fuel(run: Measured) -> Iterator[Requirement]:
     """Judge whether the fuel lasted."""
     if not has(run.record, FUEL_USED.name):
         return
