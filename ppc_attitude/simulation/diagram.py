@@ -209,9 +209,7 @@ class Diagram:
                 with _naming(kind):
                     part.configure(values)
                 self._values[kind] = values
-        columns = recorded_columns(parameters)
-        if columns != self.columns:
-            self._record(columns)
+        self._record(recorded_columns(parameters))
 
     def _record(self, columns: tuple[Column, ...]) -> None:
         """Arrange what goes on record: a row of the table for each number."""
