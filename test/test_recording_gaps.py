@@ -61,6 +61,7 @@ def test_a_lost_message_is_a_gap(lost: int) -> None:
     [
         ([18, 19, *range(21, 25)], 0.21),  # before the rhythm is known
         ([18, 19, *range(21, STEPS)], 0.21),
+        ([*range(20), 21], 0.21),  # the last step
         ([0, *range(3, 20), *range(22, STEPS)], 0.22),  # after a first step that is longer
     ],
 )
@@ -87,11 +88,11 @@ def test_a_rhythm_that_three_of_four_steps_keep_has_gaps(every: int, told_of: bo
     assert bool(gaps) == told_of
 
 
-@pytest.mark.parametrize("late", [16, 19])
-def test_a_state_that_is_only_late_is_no_gap(late: int) -> None:
+@pytest.mark.parametrize(("state", "step"), [(30, 16), (30, 19), (1, 16), (30, 4)])
+def test_a_state_that_is_only_late_or_early_is_no_gap(state: int, step: int) -> None:
     """As for who reads the bag: the next step of a timer that was late is shorter."""
     ticks = [10 * k for k in range(50)]
-    ticks[30] += late - 10
+    ticks[state] += step - 10
     assert gaps_of(*steps_of(ticks)) == []
 
 

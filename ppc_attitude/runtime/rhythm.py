@@ -39,7 +39,7 @@ class Rhythm:
     def add(self, last: int, stamp_ns: int) -> None:
         """Take a step from one stamp [ns] to the next."""
         self._steps.append((last, stamp_ns))
-        if self._period or len(self._steps) == _FIRST:
+        if len(self._steps) == _FIRST:
             self._weigh()
 
     def _weigh(self) -> None:
