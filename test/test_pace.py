@@ -381,3 +381,6 @@ def test_free_running_time_begins_with_the_first_answers_and_their_record(goes: 
     bench.pace.record(bench.stamp, bench.now)
     bench.wake()
     assert not any("paused" in text for text in bench.said), "the wait is no pause"
+    bench.absent.add(RECORDED_TOPIC.name)
+    bench.runs(6.0)
+    assert bench.time == pytest.approx(7.0, abs=2.0 * PERIOD), "later it may go, too"

@@ -16,6 +16,7 @@
 
 import itertools
 
+import pytest
 from test_recording import STATE, TORQUE, Bag, stamp_ns
 
 CLOCK = "/clock"
@@ -73,7 +74,10 @@ def test_what_is_sent_ahead_and_comes_again_with_a_repeated_state_is_written_onc
     assert bag.steps("reference/turn_ahead") == [0, 1, 2, 3]
 
 
-def test_a_clock_that_comes_before_or_after_the_state_of_a_reset_keeps_to_its_own_time() -> None:
+@pytest.mark.parametrize("again", [True, False])
+def test_a_clock_that_comes_before_or_after_the_state_of_a_reset_keeps_to_its_own_time(
+    again: bool,
+) -> None:
     """Tools read by these times: they must not mix what came before and after."""
     bag = Bag()
     for first in (True, False):
@@ -84,7 +88,8 @@ def test_a_clock_that_comes_before_or_after_the_state_of_a_reset_keeps_to_its_ow
             bag.with_state(CLOCK, stamp_ns(3), b"3")
             bag.with_state(CLOCK, 0, b"0")  # and then the state with which time begins again
             bag.with_state(CLOCK, 0, b"0")
-    bag.with_state(CLOCK, stamp_ns(3), b"3")
+    if again:
+        bag.with_state(CLOCK, stamp_ns(3), b"3")
     bag.take(STATE, 0)
     for step in (3, 0, 0, 1):  # of before, too
         bag.with_state(CLOCK, stamp_ns(step), b"%d" % step)
@@ -94,6 +99,16 @@ def test_a_clock_that_comes_before_or_after_the_state_of_a_reset_keeps_to_its_ow
     assert clock == [
         (begin + stamp_ns(step), step) for begin, step in zip(begins, steps, strict=True)
     ]
+
+
+def test_a_clock_whose_zero_was_lost_follows_the_states_into_their_new_time() -> None:
+    """Also if it is ahead of them."""
+    bag = Bag()
+    bag.run(range(4))
+    bag.with_state(CLOCK, stamp_ns(3), b"3")
+    bag.take(STATE, 0)
+    bag.with_state(CLOCK, stamp_ns(1), b"1")
+    assert bag.written[-1] == (CLOCK, stamp_ns(3) + 1 + stamp_ns(1), b"1")
 
 
 def test_a_clock_of_zero_that_no_state_follows_begins_nothing() -> None:
