@@ -30,9 +30,10 @@ from craft_helpers import overlay
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import Accuracy, Requirements
 from ppc_attitude.campaign.declaration import Campaign, campaign, scenario_of_run
+from ppc_attitude.campaign.summary import Fraction
 from ppc_attitude.campaign.tuning import GAINS, Tuned, cost, tuned
 from ppc_attitude.command_line import gain_search
-from ppc_attitude.contract.topics import CONTROLLER
+from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load, scenario
@@ -194,3 +195,29 @@ def test_design_writes_gains_and_says_that_they_are_no_guarantee(
     law[1] = "ppc"  # with the D_m of another craft
     told = ask("design", "--config", craft, *law, code=1).out
     assert "warning: check warns of these gains: loop margin, torque at rest" in told
+
+
+@pytest.mark.parametrize(("met", "code", "settled"), [(20, 0, "60.0 s"), (19, 1, "not always")])
+def test_gains_are_sought_for_the_starts_and_the_requirements_that_are_asked_for(
+    tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch, met: int, code: int, settled: str
+) -> None:
+    asked = list[Campaign]()
+
+    def judged(of: Campaign, *_: object, **__: object) -> Tuned:
+        asked.append(of)
+        longest = math.inf if code else 60.0
+        return Tuned({GAIN: 0.1}, 1, Fraction(met, 20), (50.0, longest), {})
+
+    monkeypatch.setattr(gain_search, "tuned", judged)
+    craft, limits = overlay(tmp_path / "craft.yaml", CUBESAT), tmp_path / "limits.yaml"
+    words = ["--config", craft, "--controller", "quaternion_feedback", "--requirements", limits]
+    limits.write_text("settling_deadline: 120.0\n")  # as long as a run
+    told = ask("design", *words, "--rate", 2.0, "--output", tmp_path / "gains.yaml", code=code).out
+    assert settled in told
+    assert told.endswith(f"\n{tmp_path / 'gains.yaml'}\n")
+    assert asked[0].required.settling_deadline == 120.0
+    starts = (scenario_of_run(asked[0], index).parameters[PLANT] for index in range(50))
+    rates = [math.dist(start["initial_angular_velocity"], (0.0, 0.0, 0.0)) for start in starts]
+    assert 0.9 < max(rates) / math.radians(2.0) <= 1.0
+    limits.write_text("settling_deadline: 120.5\n")
+    assert "shorter runs cannot be judged" in ask("design", *words, code=2).err
