@@ -306,3 +306,7 @@ def test_refusals_name_what_is_wrong(tmp_path: Path) -> None:
     (two / "other.mcap").write_bytes(b"\x89MCAP0\r\n")
     with pytest.raises(BagError, match=r"has bag.mcap, other.mcap; allowed: one file"):
         recover(two)
+    blocked = unfinished(tmp_path / "blocked", "mcap", RUN)
+    (blocked / f"{UNFINISHED}.unfinished").mkdir()
+    with pytest.raises(BagError, match=r"blocked cannot be recovered: Is a directory"):
+        recover(blocked)

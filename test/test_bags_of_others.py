@@ -313,6 +313,8 @@ def test_what_is_asked_for_and_missing_is_an_error(tmp_path: Path) -> None:
     bag = write_typed(tmp_path / "bag", sent)
     with pytest.raises(BagError, match=r"has no topic /imuu for attitude; it holds /imu \(sensor"):
         read_run(bag, topics={"attitude": "imuu"})
+    with pytest.raises(BagError, match=r"has no topic /imuu for attitude; it holds /imu \(sensor"):
+        read_runs(bag, topics={"attitude": "imuu"})
     ours = write_messages(tmp_path / "ours", list(messages(RUN)))
     with pytest.raises(BagError, match=r"has no topic /imuu for attitude; it holds /angular"):
         read_run(ours, topics={"attitude": "imuu"})  # the own attitude is not what was asked for
@@ -333,6 +335,8 @@ def test_two_partial_runs_in_one_bag_are_told_apart(tmp_path: Path) -> None:
     assert len(read_runs(bag)) == 2
     with pytest.raises(BagError, match="holds 2 runs; choose a namespace: /a, /b"):
         read_run(bag)
+    with pytest.raises(BagError, match="holds 2 runs; choose a namespace: /a, /b"):
+        read_runs(bag, topics={"attitude": "/a/attitude"})
 
 
 @pytest.mark.usefixtures("undrawn")

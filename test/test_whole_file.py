@@ -52,8 +52,12 @@ def test_two_that_write_one_file_each_write_a_whole_one(tmp_path: Path) -> None:
     assert {*tmp_path.iterdir()} == {path, mine}
 
 
-def test_a_disk_that_is_full_is_told_with_the_file_that_it_has_no_room_for(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("known", "told"), [((), "report.html"), (("figure.svg",), "figure.svg")])
+def test_a_disk_that_is_full_is_told_with_the_file_that_it_has_no_room_for(
+    tmp_path: Path, known: tuple[str, ...], told: str
+) -> None:
+    """That is the file that the error names, if it names one."""
     with pytest.raises(OSError) as full, whole_file(tmp_path / "report.html"):
-        raise OSError(ENOSPC, os.strerror(ENOSPC))
-    assert full.value.filename == str(tmp_path / "report.html")
+        raise OSError(ENOSPC, os.strerror(ENOSPC), *(str(tmp_path / each) for each in known))
+    assert full.value.filename == str(tmp_path / told)
     assert not list(tmp_path.iterdir())
