@@ -65,6 +65,14 @@ def test_an_axis_that_the_law_leaves_alone_has_no_margin() -> None:
     assert (found.disk, found.fades) == (0.0, 60.0)  # for so long it was listened to
 
 
+@pytest.mark.filterwarnings("ignore:overflow encountered", "ignore:invalid value encountered")
+def test_a_loop_whose_torque_soon_is_no_number_has_no_margin() -> None:
+    """A sample lasts three times as long as the law can bear, and nothing limits the torque."""
+    loop, strong = linear(natural_frequency=3.0), {"max_torque": 1e6}
+    loop = loop.with_values(PLANT, rate=1.0, **strong).with_values(CONTROLLER, **strong)
+    assert margin_of(loop, 0.0) == LoopMargin(0.0, 0.0, fades=60.0, swing=math.inf)
+
+
 @pytest.mark.parametrize("late", [False, True])
 @pytest.mark.parametrize(
     ("natural_frequency", "damping", "integral_time", "size"),

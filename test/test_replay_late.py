@@ -75,7 +75,7 @@ def test_an_innovation_of_a_filter_that_was_killed_amid_its_answer_is_no_differe
     rows = _computed(record, ESTIMATORS, mekf.COMPONENT, record.stamps_ns, read, given)
     record = with_columns(record, **by_column(given, record.stamps_ns, rows))
     assert "mekf" not in differing(record)
-    for when, differs in ((valid, False), (valid - 1, True)):
+    for when, differs in ((valid, False), (valid - 1, True), (place + 1, True)):
         innovations = record["innovation"].copy()
         assert np.isnan(innovations[when]).all()
         innovations[when] = 0.7

@@ -150,9 +150,9 @@ def loop_margin(scenario: Scenario, at: float, torque: float) -> LoopMargin:
         swing = max(swing, heard.swing)
         if heard.proportional:
             break
-    if not np.isfinite(heard.answer).all():
-        return LoopMargin(0.0, 0.0, heard.fades * loop.sample, math.inf)
     samples = len(heard.answer)
+    if not np.isfinite(heard.answer).all():
+        return LoopMargin(0.0, 0.0, samples * loop.sample, math.inf)
     sensitivity = np.eye(3) + np.fft.rfft(heard.answer, 4 * samples, axis=0)
     holds = np.linalg.norm(sensitivity[0], 2) <= _LEFT
     rests = heard.rests and swing <= _SWING * torque  # else the answer is that of a swing
