@@ -385,12 +385,6 @@ def test_what_no_component_has_is_not_varied(
             campaign(declared, base, 0)
 
 
-def test_an_unknown_goal_is_refused() -> None:
-    law = load([PAPER]).controller
-    with pytest.raises(ConfigurationError, match="goal = speed; allowed for ppc: settling"):
-        goal_of("speed", law, 5e-3, 0.0)
-
-
 @pytest.mark.parametrize("runs", [40, pytest.param(80, marks=pytest.mark.long)])
 def test_no_short_attack_breaks_the_guarantee(runs: int, tmp_path: Path) -> None:
     space = space_of(pieces=10, e_S=0.0, eta=1.0, late=False, duration=40.0)
