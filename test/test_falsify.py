@@ -73,27 +73,33 @@ def test_every_choice_keeps_its_bounds() -> None:
     known = np.array(space.base.parameters[PLANT]["inertia"])
     late = set()
     for width in (0.1, 0.3, 1.0, 3.0, 10.0, 30.0):
-        choice = space.choice(width * random.normal(size=space.size))
+        choice = space.choice(x := width * random.normal(size=space.size))
         plant, injector = choice[PLANT], choice[INJECTOR]
-        assert np.linalg.norm(plant["initial_attitude"]) == pytest.approx(1.0)
+        assert plant["initial_attitude"] == pytest.approx(x[:4] / np.linalg.norm(x[:4]))
         assert np.linalg.norm(plant["initial_angular_velocity"]) <= space.rate * (1 + 1e-12)
-        assert np.abs(injector["pulse_torques"]).max() <= space.disturbance
-        assert inertia_error(known, np.array(plant["inertia"])) <= space.e_S * (1 + 1e-9)
+        torques, error = injector["pulse_torques"], inertia_error(known, np.array(plant["inertia"]))
+        assert np.abs(torques).max() <= space.disturbance
+        assert error <= space.e_S * (1 + 1e-9)
+        if width > 9.0:
+            assert (min(torques), max(torques)) == (-space.disturbance, space.disturbance)
+            assert error == pytest.approx(space.e_S)
         assert 0.04 <= plant["max_torque"] <= 0.05
         assert 0.0 <= choice[REFERENCE]["begin"] <= 500.0
         late.add(plant["late_command"])
     assert late == {True, False}
 
 
-def test_what_an_error_makes_of_a_plate_is_a_body() -> None:
-    """No plane body has a larger moment about its normal."""
-    plate = space_of().base.with_values(PLANT, inertia=[1.0, 0, 0, 0, 1.0, 0, 0, 0, 2.0])
-    space = replace(space_of(), base=plate)
+@pytest.mark.parametrize(("largest", "least"), [(2.0, 0.0), (1.9, 1e-3)])
+def test_what_an_error_makes_of_a_plate_is_a_body(largest: float, least: float) -> None:
+    """No plane body has a larger moment about its normal; a thicker one has an error at least."""
+    known = [1.0, 0, 0, 0, 1.0, 0, 0, 0, largest]
+    space = replace(space_of(), base=space_of().base.with_values(PLANT, inertia=known))
     random, found = np.random.default_rng(2), set()
     for _ in range(20):
         inertia = space.choice(random.normal(size=space.size))[PLANT]["inertia"]
         x, y, z = np.linalg.eigvalsh(np.reshape(inertia, (3, 3)))
         assert x + y >= z * (1 - 1e-9)
+        assert inertia_error(np.array(known), np.array(inertia)) >= least
         found.add(tuple(inertia))
     assert len(found) > 1
 

@@ -36,6 +36,8 @@ from ppc_attitude.science.guidance.frames import (
     frame_bounds,
 )
 from ppc_attitude.science.guidance.plan import LOOK
+from ppc_attitude.science.guidance.slew import slew_bounds
+from ppc_attitude.science.kernel import Vector
 from ppc_attitude.science.parameter import resolved
 from ppc_attitude.science.part import Part, signals_of
 from ppc_attitude.science.references.goal import COMPONENT
@@ -89,6 +91,21 @@ def test_no_order_lets_the_desired_motion_pass_its_bounds(pool: tuple[str, ...])
     assert (most <= (1.0, 1.0, 1.0 + 1e-9)).all()  # a difference of numbers is rounded
     assert most[0] > 0.8, "the bound of the rate is no wider than it has to be"
     assert most[1] > 0.9
+
+
+@pytest.mark.parametrize(
+    ("limits", "frames", "bounds"),
+    [
+        ((0.5, 2.0, 1e3), (0.1, 0.2, 0.3), (0.6 + 2.75 * 4.0 / 27.0, 2.75, 1002.175)),
+        ((0.5, 2.0, 0.01), (0.1, 0.2, 0.3), (0.6 + 0.85 * 4.0 / 27.0, 2.75, 21.175)),
+        ((0.5, 0.01, 0.01), (0.0, 0.0, 0.0), (0.6, 0.01, 0.08)),
+    ],
+)
+def test_bounds_of_a_slew_are_those_of_the_derivation(
+    limits: Vector, frames: Vector, bounds: Vector
+) -> None:
+    """The frames give each of its terms 0.25 rad/s² and 0.725 rad/s³."""
+    assert slew_bounds(limits, frames) == pytest.approx(bounds, rel=1e-8)
 
 
 def test_orders_amid_brakes_that_last_for_turns_of_a_spin_do_not_add_up() -> None:
