@@ -28,7 +28,11 @@ from ppc_attitude.simulation.diagram import Diagram
 from ppc_attitude.simulation.news import concerns
 from ppc_attitude.simulation.scenario import Scenario
 
-LOSSES = ["wheel/2 effectiveness 0.0 from 40.0 for 10.0", "wheel/1 seized from 45 for 2"]
+LOSSES = [
+    "wheel/3 seized from 2 for 2",
+    "wheel/2 effectiveness 0.0 from 20.0 for 30.0",
+    "wheel/1 seized from 45 for 2",
+]
 
 
 def asked_at_each(scenario: Scenario, stamps_ns: np.ndarray) -> list[tuple[float, str]]:
@@ -52,7 +56,9 @@ def test_a_warning_and_its_end_are_told_at_the_instant_at_which_a_node_tells_the
     told = [(time, advice.text) for time, advice in concerns(scenario, stamps_ns)]
     assert told == asked_at_each(scenario, stamps_ns)
     assert told == [
-        (41.0, "wheel 2 lost: the others give the torque"),
+        (3.0, "wheel 3 lost: the others give the torque"),
+        (4.0, "no wheel is lost any more"),
+        (21.0, "wheel 2 lost: the others give the torque"),
         (46.0, "wheels 1, 2 lost: the others give torque in one plane only"),
         (47.0, "wheel 2 lost: the others give the torque"),
         (50.0, "no wheel is lost any more"),
