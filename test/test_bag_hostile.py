@@ -268,27 +268,30 @@ def test_a_recovery_follows_no_link(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("value", ["[]", "{}", "null", "NaN", "1e400"])
 def test_a_parameter_that_no_node_can_have_is_left_out(value: str) -> None:
-    said = f'{{"spacecraft_plant": {{"plant": {value}, "max_torque": {value}, "mine": 1}}}}'
+    said = f'{{"spacecraft_plant": {{"plant": {value}, "max_torque": {value}, '
+    said += '"wait_for": "nobody", "mine": 1}}'  # not a list of names
     facts = decode_custom_data({PARAMETERS_KEY: said}, "")
     assert facts.parameters == {"spacecraft_plant": {"mine": 1}}
-    assert len(facts.flaws) == 2
-    assert "the bag's parameters of spacecraft_plant cannot be used: plant = " in facts.flaws[0]
+    assert len(facts.flaws) == 3
+    assert "the bag's parameters of spacecraft_plant cannot be used: plant = " in facts.flaws[1]
 
 
 @pytest.mark.parametrize(
-    "inner",
+    "text",
     [
-        "}[",
-        '"samples": [1]',
-        '"samples": {"a": [[1]]}',
-        '"metadata": "a"',
-        '"parameters": {"a": 1}',
-        f'"parameters": {"[" * 3000}',
+        "{}[}",
+        "[]",
+        '{"samples": [1]}',
+        '{"samples": {"a": [[1]]}}',
+        '{"metadata": "a"}',
+        '{"parameters": {"a": 1}}',
+        f'{{"parameters": {"[" * 3000}}}',
     ],
 )
-def test_facts_for_the_recorder_have_the_types_that_it_relies_on(inner: str) -> None:
-    with pytest.raises(ConfigurationError, match=r"run_info: .* = .*; allowed: an object|not JSON"):
-        read_run_info(f"{{{inner}}}")
+def test_facts_for_the_recorder_have_the_types_that_it_relies_on(text: str) -> None:
+    told = r"run_info: .* = .*; allowed: an object|not JSON|allowed: a JSON object"
+    with pytest.raises(ConfigurationError, match=told):
+        read_run_info(text)
 
 
 STEERING = "\x1b]0;owned\x07\x1b[2J\u202e\x9b<script>alert(1)</script>"
