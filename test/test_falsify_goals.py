@@ -14,12 +14,15 @@
 
 """Goals of the adversary: their values for runs of which the errors are known, and their limits."""
 
+import math
+
 import numpy as np
 import pytest
 from craft_helpers import configs
 from process_helpers import PAPER
 from synthetic import normal_run, with_error
 
+from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.falsify.goals import Goal, goal_of
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import simulate
@@ -61,3 +64,12 @@ def test_a_goal_that_is_no_column_with_a_bound_is_refused(name: str) -> None:
     law = load([PAPER]).controller
     with pytest.raises(ConfigurationError, match=f"goal = {name}; allowed for ppc: settling"):
         goal_of(name, law, 5e-3, 0.0)
+
+
+@pytest.mark.filterwarnings("ignore:overflow encountered")
+@pytest.mark.parametrize("name", ["settling", "terminal", "rate"])
+def test_a_run_that_diverges_is_worst_of_all(name: str) -> None:
+    law = {"controller": "quaternion_feedback", "max_torque": 1e6}
+    gains = {"quaternion_feedback.natural_frequency": 3.0}  # a sample lasts three times as long
+    base = load([PAPER], {PLANT: {"rate": 1.0, "max_torque": 1e6}, CONTROLLER: law | gains})
+    assert Goal(name).value(simulate(base, 20.0), base.controller) == math.inf

@@ -139,6 +139,8 @@ def test_both_are_named_though_one_has_left_and_though_the_graph_knew_no_name_at
     [
         pytest.param(0.0, 21.0, False, id="the older one goes on"),
         pytest.param(18.0, 21.0, True, id="the newer one ends"),
+        pytest.param(9.5, 21.0, False, id="none was new at 20 s"),
+        pytest.param(10.5, 21.0, True, id="one was"),
         pytest.param(18.0, 60.0, True, id="however long the proof takes on a busy machine"),
     ],
 )
@@ -151,7 +153,9 @@ def test_who_gives_way_is_judged_by_the_time_when_the_graph_showed_both(
         assert not publishers.gives_way(born, float(now)), "the graph is no proof"
     for begin in (1, 31):
         proved(publishers, proved_at + 2.0 * (begin > 1), begin)
-        assert not publishers.gives_way(born, proved_at), "who else listens has not heard enough"
+        assert not publishers.gives_way(born, proved_at + 2.9), (
+            "who else listens has not heard enough"
+        )
     publishers.see({2: "/ppc_controller"}, proved_at + 2.0)  # who gives way has gone, or seems so
     assert publishers.gives_way(born, proved_at + 3.0) == newer
 

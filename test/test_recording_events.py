@@ -74,6 +74,18 @@ def test_what_is_sent_ahead_and_comes_again_with_a_repeated_state_is_written_onc
     assert bag.steps("reference/turn_ahead") == [0, 1, 2, 3]
 
 
+def test_a_sample_that_is_sent_twice_long_before_its_state_is_written_once() -> None:
+    bag = Bag()
+    assert bag.recording.progress() is None, "no state has come"
+    bag.take(STATE, 0)
+    for step in (1, 2, 3, 1):
+        bag.take(TORQUE, step)
+    for step in (1, 2, 3):
+        bag.take(STATE, step)
+    assert bag.steps(TORQUE) == [1, 2, 3]
+    assert bag.recording.surplus() == {}
+
+
 @pytest.mark.parametrize("again", [True, False])
 def test_a_clock_that_comes_before_or_after_the_state_of_a_reset_keeps_to_its_own_time(
     again: bool,

@@ -143,7 +143,7 @@ class Recording:
         lane.publishers.hear(number, stamp_ns, now)
         # Time may begin again before a lane has come beyond zero: the states tell.
         behind = lane.epoch < self._states.epoch
-        if stamp_ns == 0 and (lane.heard > 0 or (lane.heard == 0 and behind)):
+        if stamp_ns == 0 and (lane.heard > 0 or behind):
             self._begin_again(name, lane, now)
         elif self._went_on(lane, stamp_ns):
             self._take_back(name, lane)
