@@ -175,13 +175,9 @@ def _record(bag: Bag, collected: Collected, home: str, *, whole: bool = False) -
     timeline, parameters, in_flight = _aligned(series, facts.parameters, changes, cut=bool(cut))
     announced = (topic.name for topic in lacking if f"{home}/{topic.name}" in bag.topics)
     missing = {**timeline.missing, **dict.fromkeys(announced, len(timeline.stamps))}
-    law, began = (
-        str(each.get(CONTROLLER, {}).get(CONTROLLERS.selector, facts.controller))
-        for each in (facts.parameters, parameters)
-    )
     record = RunRecord(
         source=printable(str(bag.path)),
-        controller=facts.controller if began == law else began,
+        controller=parameters.get(CONTROLLER, {}).get(CONTROLLERS.selector, facts.controller),
         stamps_ns=timeline.stamps,
         columns=timeline.columns,
         held=timeline.held,
