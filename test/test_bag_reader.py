@@ -372,6 +372,15 @@ def test_what_another_law_does_not_give_is_missing_in_no_run_that_went_on_with_i
     assert not own & set(read.columns)
 
 
+def test_a_plant_that_was_started_again_at_another_rate_lacks_no_instants(tmp_path: Path) -> None:
+    late, slow = int(RUN.stamps_ns[-1]), (("rate", 100.0), ("enabled", True))
+    told = encode_changes([Change(late, PLANT, name, value) for name, value in slow])
+    sequence = [*messages(RUN), *((CHANGES_TOPIC, *each) for each in told), *messages(RUN)]
+    fast = with_parameters(RUN, PLANT, {"rate": 1000.0})
+    read = read_run(write_messages(tmp_path / "bag", sequence, run=fast))
+    assert np.array_equal(read.stamps_ns, RUN.stamps_ns)
+
+
 def test_a_topic_of_another_type_is_named(tmp_path: Path) -> None:
     text = {TORQUE_COMMAND: replace(TORQUE_COMMAND, msgtype="std_msgs/msg/String")}
     sequence = [(text.get(topic, topic), stamp, data) for topic, stamp, data in messages(RUN)]
