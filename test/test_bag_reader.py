@@ -86,6 +86,9 @@ def test_a_whole_bag_of_a_run_that_ended_early_says_so(
         "its end are not in it"
         for each in told
     )
+    (tmp_path / "bag" / "metadata.yaml").unlink()
+    (cut,) = read_run(tmp_path / "bag").warnings
+    assert cut.startswith("recording was cut")
 
 
 @pytest.mark.parametrize("storage", list(StoragePlugin))
