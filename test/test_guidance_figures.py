@@ -168,6 +168,10 @@ def test_the_time_to_a_goal_is_judged_if_it_has_a_limit() -> None:
     row = requirement(Verdict(on_its_way, Requirements(goal=40.0)), "goal_time")
     assert (row.value, row.met) == (pytest.approx(40.0), False)
     assert row.reason == "that of the order at 5 s, and was not reached"
+    late = with_rows(flown, "attitude", slice(0, 101), 0.0)  # as from a filter without a fix
+    row = requirement(Verdict(late, Requirements(goal=60.0)), "goal_time")
+    assert row.value == pytest.approx(takes, abs=0.11)
+    assert row.reason == "that of the order at 5.05 s"
     row = requirement(Verdict(on_its_way, Requirements(goal=41.0)), "goal_time")
     assert (row.met, row.reason) == (None, "no order held for 41 s, or until its goal was reached")
 

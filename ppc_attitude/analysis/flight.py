@@ -177,14 +177,18 @@ def _flown(record: RunRecord, count: int) -> Iterator[tuple[int, Part, dict[str,
 def _instants(
     record: RunRecord, values: Mapping[str, Any], changes: list[Any], count: int
 ) -> list[int]:
-    """Indices of the instants to look at: evenly spaced, and those from which something acts."""
+    """Indices of the instants to look at: evenly spaced, and those from which something acts.
+
+    Guidance begins with an attitude, so an instant with the first one after zeros is among them.
+    """
     seen = np.flatnonzero(is_finite(record, ATTITUDE.column))
+    begins = np.flatnonzero(np.diff(np.any(record[ATTITUDE.column][seen], axis=1))) + 1
     times = [values[GOAL_TIMES.name], *(c.value for c in changes if c.name == GOAL_TIMES.name)]
     stamps = {nanoseconds(time) for each in times for time in each}
     stamps |= {change.stamp_ns for change in changes}
     acting = np.searchsorted(record.stamps_ns[seen], sorted(stamps))
     evenly = range(0, seen.size, max(math.ceil(seen.size / count), 1))
-    chosen = {*evenly, *acting[acting < seen.size].tolist(), seen.size - 1}
+    chosen = {*evenly, *begins.tolist(), *acting[acting < seen.size].tolist(), seen.size - 1}
     return [int(seen[i]) for i in sorted(chosen) if i >= 0]
 
 
