@@ -20,8 +20,9 @@ field is removed; but along the orbit the field turns.
 
 Δh is the momentum of the wheels. With the law `b_dot` it is that of the body, too: a craft sees
 the field turn by B' = −ω × B, so −(B × B')/B² is its rate across the field, whatever else it knows.
-With wheels at rest this is the B-dot law m = −(k J/B²) B' (Markley and Crassidis, section 7.5.1),
-which stops a tumbling craft that has no attitude yet.
+Without a commanded torque wheels take up nothing, and the body alone counts: this is the B-dot law
+m = −(k J/B²) B' (Markley and Crassidis, section 7.5.1), which stops a tumbling craft that has no
+attitude yet. With the wheels' momentum it would make the body turn until it cancels that.
 """
 
 import math
@@ -52,6 +53,7 @@ from ppc_attitude.science.noise import normal_vector
 from ppc_attitude.science.parameter import RATE, Parameter, at_start, filled, record_type
 from ppc_attitude.science.plants.rigid_body import INITIAL_RATE
 from ppc_attitude.science.sensors.direct import SEED
+from ppc_attitude.science.sensors.star_tracker import MAX_RATE
 from ppc_attitude.science.stamps import whole_steps
 from ppc_attitude.science.wheels import INERTIA, MAX_SPEED, momentum
 
@@ -76,7 +78,7 @@ GAIN = Parameter(
 DEADBAND = Parameter(
     "magnetorquers.deadband",
     0.01,
-    "momentum of the wheels below which there is no dipole",
+    "momentum below which there is no dipole",
     "N·m·s",
     low=0.0,
     high=1e6,
@@ -180,11 +182,15 @@ def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
         )
         held = np.multiply(values[INERTIA.name], values[MAX_SPEED.name]).min()  # [N·m·s]
         meaning = "momentum of the wheels from which on they are unloaded, against what one holds"
+        if values[LAW.name] == "b_dot" and MAX_RATE.name in task.craft:
+            held = min(held, values[CRAFT_INERTIA.name] * task.craft[MAX_RATE.name])
+            meaning = "momentum from which on it is removed, against what a wheel holds, and what "
+            meaning += "the craft has at star_tracker.max_rate"
         yield advisable("unloading deadband", values[DEADBAND.name], held, "N·m·s", meaning)
     if values[LAW.name] == "b_dot" and INITIAL_RATE.name in task.craft:
         turn = float(np.linalg.norm(task.craft[INITIAL_RATE.name])) * values[PERIOD.name]
-        meaning = "turn in the time for which a dipole is held: beyond π the field shows the "
-        meaning += "opposite rate, and the dipole spins the craft up"
+        meaning = "turn in the time for which a dipole is held: after more than π/2 it may spin "
+        meaning += "the craft up"
         yield advisable("turn in a period", turn, math.pi / 2.0, "rad", meaning)
 
 
@@ -240,8 +246,9 @@ def unload(inputs: Any, wheels: Any, held: Any, rods: Any) -> Vector:
     Parameters
     ----------
     inputs
-        Record with the instant, the true field, and the speed of each wheel. All their momentum
-        counts as Δh, because the momenta h* to which a drive leads the wheels cancel.
+        Record with the instant, the true field, the commanded torque, and the speed of each wheel.
+        All their momentum counts as Δh, because the momenta h* to which a drive leads the wheels
+        cancel.
     wheels, held, rods
         Records of dtype `WHEELS`, `HELD` and `MAGNETORQUERS`.
     """
@@ -250,6 +257,8 @@ def unload(inputs: Any, wheels: Any, held: Any, rods: Any) -> Vector:
     if period != held.begun:
         true, excess = vector(inputs.magnetic_field), momentum(wheels, inputs.wheel_speed)
         b = measured(true, now, rods)
+        if rods.craft_inertia > 0.0 and vector(inputs.torque_command) == ZERO:
+            excess = ZERO
         # The last field must be that of a period before.
         if rods.craft_inertia > 0.0 and 0 < held.begun == period - 1 and b != ZERO:
             rate = rate_across(b, vector(held.field), rods.period / rods.rate)
