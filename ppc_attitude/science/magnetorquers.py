@@ -51,7 +51,7 @@ from ppc_attitude.science.kernel import (
 )
 from ppc_attitude.science.noise import normal_vector
 from ppc_attitude.science.parameter import RATE, Parameter, at_start, filled, record_type
-from ppc_attitude.science.plants.rigid_body import INITIAL_RATE
+from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.science.sensors.direct import SEED
 from ppc_attitude.science.sensors.star_tracker import MAX_RATE
 from ppc_attitude.science.stamps import whole_steps
@@ -187,11 +187,33 @@ def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
             meaning = "momentum from which on it is removed, against what a wheel holds, and what "
             meaning += "the craft has at star_tracker.max_rate"
         yield advisable("unloading deadband", values[DEADBAND.name], held, "N·m·s", meaning)
-    if values[LAW.name] == "b_dot" and INITIAL_RATE.name in task.craft:
-        turn = float(np.linalg.norm(task.craft[INITIAL_RATE.name])) * values[PERIOD.name]
+    if values[LAW.name] == "b_dot" and rigid_body.INITIAL_RATE.name in task.craft:
+        omega = np.array(task.craft[rigid_body.INITIAL_RATE.name])
+        turn = float(np.linalg.norm(omega)) * values[PERIOD.name]
         meaning = "turn in the time for which a dipole is held: after more than π/2 it may spin "
         meaning += "the craft up"
         yield advisable("turn in a period", turn, math.pi / 2.0, "rad", meaning)
+        if MAX_RATE.name in task.craft and task.duration:
+            meaning = "least time until the craft is slow enough for a fix, by the largest dipole "
+            meaning += "in the strongest field, and by the gain, against that of the run"
+            least = _detumbling_time(values, task.craft, omega)
+            yield advisable("time to detumble", least, task.duration, "s", meaning)
+
+
+def _detumbling_time(values: Mapping[str, Any], craft: Mapping[str, Any], omega: Any) -> float:
+    """Least time [s] from a rate ω [rad/s] to that of the star tracker, with wheels at rest.
+
+    A dipole takes momentum with a torque of up to √3 m B, and the law takes energy at a rate of up
+    to 2 k J/J_min.
+    """
+    inertia, most = np.reshape(craft[rigid_body.INERTIA.name], (3, 3)), craft[MAX_RATE.name]
+    least, _, largest = np.linalg.eigvalsh(inertia)
+    torque = math.sqrt(3.0) * values[MAX_DIPOLE.name] * STRONGEST_FIELD
+    by_dipole = (np.linalg.norm(inertia @ omega) - largest * most) / torque
+    decay = 2.0 * values[GAIN.name] * values[CRAFT_INERTIA.name] / least
+    energies = max(omega @ inertia @ omega / (largest * most**2), 1.0)  # of start and fix
+    by_law = math.log(energies) / max(decay, 1e-300)
+    return float(max(by_dipole, by_law))
 
 
 def torque_of_rods(values: Mapping[str, Any]) -> float:
