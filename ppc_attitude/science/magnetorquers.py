@@ -269,7 +269,7 @@ def unload(inputs: Any, wheels: Any, held: Any, rods: Any) -> Vector:
     ----------
     inputs
         Record with the instant, the true field, the commanded torque, and the speed of each wheel.
-        All their momentum counts as Δh, because the momenta h* to which a drive leads the wheels
+        All momentum of the wheels counts, because the momenta h* to which a drive leads them
         cancel.
     wheels, held, rods
         Records of dtype `WHEELS`, `HELD` and `MAGNETORQUERS`.
@@ -279,12 +279,12 @@ def unload(inputs: Any, wheels: Any, held: Any, rods: Any) -> Vector:
     if period != held.begun:
         true, excess = vector(inputs.magnetic_field), momentum(wheels, inputs.wheel_speed)
         b = measured(true, now, rods)
-        if rods.craft_inertia > 0.0 and vector(inputs.torque_command) == ZERO:
-            excess = ZERO
-        # The last field must be that of a period before.
-        if rods.craft_inertia > 0.0 and 0 < held.begun == period - 1 and b != ZERO:
-            rate = rate_across(b, vector(held.field), rods.period / rods.rate)
-            excess = add(excess, scale(rods.craft_inertia, rate))
+        if rods.craft_inertia > 0.0:
+            if vector(inputs.torque_command) == ZERO:
+                excess = ZERO
+            if 0 < held.begun == period - 1 and b != ZERO:  # the last field is a period old
+                rate = rate_across(b, vector(held.field), rods.period / rods.rate)
+                excess = add(excess, scale(rods.craft_inertia, rate))
         held.begun = period
         store(held.field, b)
         store(held.dipole, unloading_dipole(excess, true, now, rods))
