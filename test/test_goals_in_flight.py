@@ -19,7 +19,6 @@ import json
 import math
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -49,10 +48,7 @@ from ppc_attitude.nodes.goto import Answer, go_to
 from ppc_attitude.nodes.guidance_desk import ASKED, GuidanceDesk
 from ppc_attitude.nodes.messages import message_class
 from ppc_attitude.nodes.reference_generator import ReferenceGenerator
-from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.orders import (
-    ORDER,
-    OrderBook,
     Orders,
     goal_order,
     hold_order,
@@ -351,6 +347,18 @@ def test_a_goal_that_is_asked_for_again_before_it_acts_is_one(pilot: Pilot) -> N
     assert book.in_flight == 4, "the first one has acted"
 
 
+def test_a_goal_before_the_first_attitude_is_answered_at_once(pilot: Pilot) -> None:
+    """As of a craft that tumbles too fast for its star tracker; else `goto` would ask again."""
+    for stamp_ns in (0, 10_000_000):
+        pilot.send(ATTITUDE, stamp_ns, (0.0, 0.0, 0.0, 0.0))
+        pilot.until(lambda stamp_ns=stamp_ns: stamp_ns in pilot.heard[REFERENCE_RATE.name])
+    pilot.pose(GOAL)
+    told = pilot.hears("goal_pose acts from the first attitude on")
+    assert [each.value for each in told.values if each.key == ASKED] == ["inertial 0.6 0.0 0.0 0.8"]
+    pilot.state(0.02)
+    pilot.hears("order 1 is followed: inertial frame, turns by 73.74°")
+
+
 def test_time_that_begins_again_forgets_the_goals(pilot: Pilot) -> None:
     pilot.state(0.0)
     pilot.pose(GOAL)
@@ -372,27 +380,3 @@ def test_a_gap_of_the_states_forgets_no_goal(pilot: Pilot) -> None:
         pilot.send(ATTITUDE, nanoseconds(t), START)
     pilot.state(60.2)  # the third that agrees on the other time
     assert any(pilot.state(64.0)[4:])
-
-
-def test_what_waits_for_a_state_is_forgotten_when_time_begins_again() -> None:
-    book = OrderBook(np.zeros(0, ORDER))
-    book.at(0)
-    book.accept(hold_order, 0)
-    book.begin_again()
-    assert np.size(book.at(0)) == 0
-
-
-def test_only_orders_that_wait_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A stream of goals goes on for ever, and a reference that begins anew finds the latest."""
-    monkeypatch.setattr("ppc_attitude.science.guidance.orders._MOST", 100)
-    book = OrderBook(np.zeros(0, ORDER))
-    book.accept(partial(goal_order, frame="inertial", attitude=GOAL), 1)
-    for stamp in range(2, 200):
-        book.accept(hold_order, 0)
-        listed = book.at(stamp)
-    assert listed is not None
-    assert (len(listed), listed["stamp_ns"][-1]) == (100, 199)
-    for stamp in range(200, 300):
-        book.accept(hold_order, stamp)
-    with pytest.raises(ConfigurationError, match="100 orders wait; allowed: no more at a time"):
-        book.accept(hold_order, 0)

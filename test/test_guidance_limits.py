@@ -15,6 +15,7 @@
 """The desired motion stays within the bounds that its limits promise, whatever is ordered when."""
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +23,13 @@ import numpy as np
 import pytest
 from conftest import Ask
 from craft_helpers import configs, overlay
-from guidance_helpers import Array, guidance
+from guidance_helpers import START, Array, guidance
 from scipy.spatial.transform import Rotation
 from synthetic import requirement
 
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.contract.topics import REFERENCE
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.guidance.frames import (
     FRAME_NAMES,
     INERTIAL,
@@ -35,6 +37,7 @@ from ppc_attitude.science.guidance.frames import (
     frame_at,
     frame_bounds,
 )
+from ppc_attitude.science.guidance.orders import ORDER, OrderBook, goal_order, hold_order
 from ppc_attitude.science.guidance.plan import LOOK
 from ppc_attitude.science.guidance.slew import slew_bounds
 from ppc_attitude.science.kernel import Vector
@@ -175,3 +178,27 @@ def test_a_timed_profile_has_no_bound_of_its_jerk(tmp_path: Path, ask: Ask) -> N
     file = overlay(tmp_path / "goals.yaml", timed)
     refused = ask("design", "--config", file, code=2)
     assert "mode = goal tells no bound W2: give it with" in refused.err
+
+
+def test_what_waits_for_a_state_is_forgotten_when_time_begins_again() -> None:
+    book = OrderBook(np.zeros(0, ORDER))
+    book.at(0)
+    book.accept(hold_order, 0)
+    book.begin_again()
+    assert np.size(book.at(0)) == 0
+
+
+def test_only_orders_that_wait_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stream of goals goes on for ever, and a reference that begins anew finds the latest."""
+    monkeypatch.setattr("ppc_attitude.science.guidance.orders._MOST", 100)
+    book = OrderBook(np.zeros(0, ORDER))
+    book.accept(partial(goal_order, frame="inertial", attitude=START), 1)
+    for stamp in range(2, 200):
+        book.accept(hold_order, 0)
+        listed = book.at(stamp)
+    assert listed is not None
+    assert (len(listed), listed["stamp_ns"][-1]) == (100, 199)
+    for stamp in range(200, 300):
+        book.accept(hold_order, stamp)
+    with pytest.raises(ConfigurationError, match="100 orders wait; allowed: no more at a time"):
+        book.accept(hold_order, 0)

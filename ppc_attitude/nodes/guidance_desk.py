@@ -164,8 +164,11 @@ class GuidanceDesk:
     def _accept(self, kind: str, make: Make, stamp_ns: int, name: str = "") -> str:
         """Take an order; its sender is told at once if it acts later, else when it acts."""
         when = self._book.accept(make, stamp_ns)
+        blind = self._stamp > 0 and not self._part.state[0]["begun"]
+        if blind and stamp_ns <= self._stamp:
+            when = "from the first attitude on"
         self._node.mention(kind, f"{kind}: acts {when}")
-        if stamp_ns > self._stamp:
+        if stamp_ns > self._stamp or blind:
             self._say(self._stamp, OK, f"{kind} acts {when}", {ASKED: name})
         else:
             self._awaited = name
