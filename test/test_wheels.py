@@ -38,7 +38,7 @@ from ppc_attitude.analysis.requirements import PAPER as PAPER_REQUIREMENTS
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.environment_load import environment_torque, wheel_conditions
 from ppc_attitude.contract.run_record import RunRecord
-from ppc_attitude.contract.topics import INJECTOR, PLANT
+from ppc_attitude.contract.topics import INJECTOR, PLANT, REFERENCE
 from ppc_attitude.science import wheels
 from ppc_attitude.science.component import MAX_WHEELS
 from ppc_attitude.science.conditions import Condition
@@ -330,6 +330,15 @@ def test_the_wheel_that_is_full_first_is_warned_of() -> None:
     hasty = {"wheels.null_gain": 1.0, "duration": 2e4}  # a step of the sum is of 10 s
     (idle,) = speed_of_a_wheel(case("wheels", "orbit").with_values(PLANT, **hasty))
     assert idle.value < 0.3
+
+
+def test_a_slew_brings_the_wheels_to_the_speed_that_check_tells() -> None:
+    """It begins where the craft is, which says about which axis it turns."""
+    goal = {"mode": "goal", "goals.times": [10.0], "goals.attitudes": [0.0, 0.0, 0.6, 0.8]}
+    slew = case("wheels", initial_attitude=[0.0, 0.0, 0.0, 1.0]).with_values(REFERENCE, **goal)
+    (held,) = speed_of_a_wheel(slew)
+    shares = np.abs(simulate(slew, 120.0)["wheel_speed"]).max() / 628.3
+    assert held.value == pytest.approx(shares, rel=0.01)
 
 
 def test_a_pulse_that_fills_the_wheels_is_warned_of() -> None:
