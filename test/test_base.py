@@ -12,13 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the base of all nodes logs, and how often."""
+"""What the base of all nodes logs, how often, and which late samples it sends."""
 
 from functools import partial
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock, call
 
+import pytest
+
+from ppc_attitude.contract.cdr import Codec
+from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.runtime.health import Health
 from ppc_attitude.science.hooks import Advice
@@ -35,3 +39,20 @@ def test_advice_has_its_severity_and_an_event_is_mentioned_at_most_once_a_second
         BaseNode.mention(node, "goal", text)
     told = [call.info("a"), call.warning("b"), call.error("c"), call.info("d"), call.info("f")]
     assert log.mock_calls == told
+
+
+def test_a_fix_is_sent_unless_its_row_is_all_zeros_or_it_is_of_before_the_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It has the stamp of its validity, and no age; a single zero is a number like others."""
+    sent: list[bytes] = []
+    publisher = SimpleNamespace(topic_name="fix", handle=SimpleNamespace(publish_raw=sent.append))
+    monkeypatch.setattr("ppc_attitude.nodes.base.publisher_of", lambda *_: publisher)
+    node: Any = SimpleNamespace(_outgoing=[], _watch=Mock())
+    send = BaseNode.sender(node, BY_COLUMN["star_fix"])
+    fix = (0.0, 0.0, 0.6, 0.8, 1e-8, 2e-8, 3e-8)
+    send(300_000_000, (*fix, 0.1))
+    send(400_000_000, (0.0,) * 8)
+    send(50_000_000, (*fix, 0.1))
+    (told,) = map(Codec(BY_COLUMN["star_fix"]).decode, sent)
+    assert (told.stamp_ns, told.values) == (200_000_000, fix)
