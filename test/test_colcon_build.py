@@ -142,14 +142,12 @@ def test_every_executable_runs(workspace: Path, start_process: StartProcess) -> 
         return start_process(in_workspace(command), cwd=workspace, env=new_terminal())
 
     config = f"install/{PACKAGE}/share/{PACKAGE}/config/paper.yaml"
-    parameters = ["-p", "lockstep:=true", "-p", "wait_for_recorder:=true", "-p", "duration:=0.1"]
-    peers = {
-        name: start(name, "--params-file", config)
-        for name in (*OF_A_RUN, MARKERS)
-        if name not in (PLANT, RECORDER)
-    }
+    waits = ["--params-file", config, "-p", "wait_for_recorder:=true"]
+    others = [name for name in OF_A_RUN if name not in (PLANT, RECORDER)]
+    peers = {name: start(name, *waits) for name in others}
+    peers[MARKERS] = start(MARKERS, "--params-file", config)
     peers[RECORDER] = start(RECORDER, "-p", "bag:=bag")
-    plant = start(PLANT, "--params-file", config, *parameters)
+    plant = start(PLANT, *waits, "-p", "lockstep:=true", "-p", "duration:=0.1")
     _, said = plant.communicate(timeout=PATIENCE)
     assert plant.returncode == 0, said
     for name, process in peers.items():
