@@ -20,7 +20,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from pathlib import Path
 from unittest.mock import Mock
@@ -32,7 +32,7 @@ from craft_helpers import ROOT
 from process_helpers import COMMAND, PAPER, PATIENCE, Process, until
 
 from ppc_attitude.campaign import pools
-from ppc_attitude.campaign.campaign import run_campaign
+from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.rows import CampaignError
 from ppc_attitude.science.errors import ConfigurationError
 
@@ -153,6 +153,20 @@ def test_a_search_says_that_its_scheduler_was_lost(
     assert told == f"error: the scheduler {cluster.address} was lost; the same command continues"
 
 
+def stopped(
+    cluster: Cluster, folder: Path, progress: Callable[[int], None], stop: threading.Event
+) -> Finished:
+    """Run a campaign that would last for minutes, until it is told to stop."""
+    return run_campaign(
+        small(duration=60.0, rate=100.0),
+        100_000,
+        folder,
+        scheduler=cluster.address,
+        progress=progress,
+        stopping=lambda: nullcontext(stop),
+    )
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("cluster", [1], indirect=True)
 def test_a_cluster_that_has_lost_all_its_workers_is_told_once(
@@ -171,14 +185,7 @@ def test_a_cluster_that_has_lost_all_its_workers_is_told_once(
             cluster.workers[0].send_signal(signal.SIGKILL)
             threading.Timer(3.0, stop.set).start()
 
-    cut = run_campaign(
-        small(duration=60.0, rate=100.0),
-        100_000,
-        tmp_path / "away",
-        scheduler=cluster.address,
-        progress=kill_all,
-        stopping=lambda: nullcontext(stop),
-    )
+    cut = stopped(cluster, tmp_path / "away", kill_all, stop)
     assert 20 <= cut.summary.runs < 1000
     assert capfd.readouterr().err.count(told) == 1
 
@@ -191,14 +198,7 @@ def test_a_stop_leaves_the_cluster_free(cluster: Cluster, tmp_path: Path) -> Non
         if done >= 20:
             stop.set()
 
-    cut = run_campaign(
-        small(duration=60.0, rate=100.0),
-        100_000,
-        tmp_path / "away",
-        scheduler=cluster.address,
-        progress=at_twenty,
-        stopping=lambda: nullcontext(stop),
-    )
+    cut = stopped(cluster, tmp_path / "away", at_twenty, stop)
     assert 20 <= cut.summary.runs == len(rows_of(tmp_path / "away")) < 100_000
     again = run_campaign(small(), 20, tmp_path / "again", scheduler=cluster.address)
     assert again.summary.runs == 20
