@@ -50,7 +50,7 @@ from ppc_attitude.science.kinds import REFERENCES
 from ppc_attitude.science.orbit import CURSOR
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references import goal
-from ppc_attitude.science.stamps import NANOSECONDS, instant, nanoseconds, seconds
+from ppc_attitude.science.stamps import instant, nanoseconds, seconds
 
 _SAMPLES = 1500  # of the goal and the cones over a run
 
@@ -224,8 +224,8 @@ def judge_orders(run: Measured) -> Iterator[Requirement]:
             state, known = part.state[0], obeyed
             obeyed, refused = before[0] + int(state["obeyed"]), before[1] + int(state["refused"])
             if obeyed > known and state["outcome"] == ACCEPTED:
-                arrives = state["plans"][state["active"]]["end"] - zero_ns(run.record) / NANOSECONDS
-                ways.append((float(run.t[k]), float(arrives)))
+                arrives = float(state["plans"][state["active"]]["end"])
+                ways.append((float(run.t[k]), arrives - seconds(zero_ns(run.record))))
             if refused and not reason and state["outcome"] != ACCEPTED:  # the last of an instant
                 reason = part.advice.text
     except ConfigurationError as error:  # a bag may hold any parameters

@@ -73,7 +73,7 @@ from ppc_attitude.analysis.hits import window
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Accuracy, Requirements, outside_names
 from ppc_attitude.analysis.reserves import judge_actuators
-from ppc_attitude.analysis.series import has, is_regular, largest, samples, zero_ns
+from ppc_attitude.analysis.series import Mask, has, is_regular, largest, samples, zero_ns
 from ppc_attitude.analysis.truth import EXACT, RECORDED, lost
 from ppc_attitude.analysis.verdict import (
     MET,
@@ -378,7 +378,8 @@ class Verdict(Measured):
     def _knowledge(self) -> Iterator[Requirement]:
         """Judge the knowledge error, from T on by the requirement, or else by the known noise."""
         accuracy, columns = self.required.knowledge, (TRUE_ATTITUDE.column, ATTITUDE.column)
-        why, where, span = self.lacks(*columns), self.from_deadline, self.span_from_deadline
+        why, span = self.lacks(*columns), self.span_from_deadline
+        where: Mask | slice = self.from_deadline
         if accuracy is not None:
             why = why or self.ends_before(self.required.settling_deadline, "the settling deadline")
         else:
@@ -388,7 +389,7 @@ class Verdict(Measured):
                 return
             accuracy = Accuracy(float(np.rad2deg(NOISE_EXPLAINS * float(noise))), DEGREES)
             why = why or self.changed(PLANT, "attitude_noise")
-            where, span = self.t >= self.begin, self.whole
+            where, span = slice(None), self.whole
         value = largest(self.knowledge.in_unit_of(accuracy), where) if self.knowledge else None
         if self.truth.standing == EXACT:
             value, why = 0.0, ""

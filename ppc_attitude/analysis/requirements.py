@@ -18,7 +18,8 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from types import NoneType
+from typing import Any, get_args
 
 import numpy as np
 
@@ -99,16 +100,7 @@ PAPER = Requirements()
 _NAMES = tuple(each.name for each in fields(Requirements))
 _ACCURACIES = ("settled", "terminal", "knowledge")
 _TIMES = ("settling_deadline", "terminal_window", "recovery", "outside_after_hit", "goal")
-_OPTIONAL = (
-    "terminal",
-    "rate",
-    "torque",
-    "outside_after_hit",
-    "chatter",
-    "momentum",
-    "goal",
-    "knowledge",
-)
+_OPTIONAL = tuple(each.name for each in fields(Requirements) if NoneType in get_args(each.type))
 
 
 def load_requirements(paths: Iterable[Path]) -> Requirements:

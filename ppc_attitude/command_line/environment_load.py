@@ -92,8 +92,8 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
     """Compare the speeds to which a run brings the wheels with their largest.
 
     It is assumed that the craft follows the reference, that the wheels share the momentum as the
-    drive does, and that magnetorquers take up that of the environment, and of nothing else. Both
-    parts have made a step, and are stepped anew.
+    drive does, and that magnetorquers take up that of the environment, and of nothing else but a
+    tumble that B-dot slows. Both parts have made a step, and are stepped anew.
     """
     plant, end = scenario.parameters[PLANT], scenario.number(PLANT, "duration")
     known, given = (TRUE_ATTITUDE, TRUE_RATE), craft_of(scenario.parameters)
@@ -116,7 +116,9 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
     start = quaternion(normalised(tuple(plant[INITIAL_ATTITUDE.name])))
     # Momentum of craft and wheels [N·m·s]: in inertial axes only external torques change it.
     omega = np.array(plant[INITIAL_RATE.name])
-    if law == "b_dot" and MAX_RATE.name in given:  # the wheels rest until the tracker has a fix
+    if (
+        law == magnetorquers.B_DOT and MAX_RATE.name in given
+    ):  # the wheels rest until the tracker has a fix
         omega *= min(1.0, given[MAX_RATE.name] / (np.linalg.norm(omega) or 1.0))
     whole = inertia @ omega + wheels.momentum(craft, speeds)
     whole = np.array(rotate(start, vector(whole)))

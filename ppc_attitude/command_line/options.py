@@ -182,6 +182,11 @@ def requirements_of(arguments: argparse.Namespace) -> Requirements:
         stand where another output is or has its folder.
     """
     see_that_none_is_idle(arguments, arguments.report, "a report: --report FILE.html", "mission")
+    _see_that_outputs_are_apart(arguments)
+    return load_requirements(arguments.requirements)
+
+
+def _see_that_outputs_are_apart(arguments: argparse.Namespace) -> None:
     outputs = ("bag", "out", "figures", "export", "report")
     given = {name: path for name in outputs if (path := getattr(arguments, name, None))}
     for file, other in permutations(given, 2):
@@ -189,7 +194,6 @@ def requirements_of(arguments: argparse.Namespace) -> Requirements:
         if file in ("export", "report") and path in (place, *place.parents):
             allowed = f"allowed: another path than that of --{file}"
             raise ConfigurationError(f"{other} = {given[other]}; {allowed}")
-    return load_requirements(arguments.requirements)
 
 
 def write_report_of(

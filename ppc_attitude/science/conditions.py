@@ -85,7 +85,7 @@ def advisable(name: str, value: float, limit: float, unit: str, meaning: str) ->
 
 
 def promised(
-    name: str, value: float, relation: str, limit: float, unit: str, meaning: str
+    name: str, value: float, limit: float, relation: str, unit: str, meaning: str
 ) -> Condition:
     """Condition that suffices for what its meaning says; a run may keep that without it, too."""
     return Condition(name, value, limit, relation, unit, False, meaning, sufficient=True)

@@ -57,6 +57,8 @@ from ppc_attitude.science.sensors.star_tracker import MAX_RATE
 from ppc_attitude.science.stamps import whole_steps
 from ppc_attitude.science.wheels import INERTIA, MAX_SPEED, momentum
 
+B_DOT = "b_dot"
+"""The law that also slows a turning body."""
 STRONGEST_FIELD = 7e-5
 """[T] Earth's field is nowhere stronger above ground."""
 MAX_DIPOLE = Parameter(
@@ -94,9 +96,9 @@ PERIOD = at_start(
 LAW = Parameter(
     "magnetorquers.law",
     "cross_product",
-    "what is removed: cross_product the wheels' momentum, b_dot that of the turning body, too, off "
-    "none",
-    choices=("cross_product", "b_dot", "off"),
+    "which momentum is removed: that of the wheels (cross_product), that of wheels and body "
+    "(b_dot), or none (off)",
+    choices=("cross_product", B_DOT, "off"),
 )
 CRAFT_INERTIA = Parameter(
     "magnetorquers.craft_inertia",
@@ -162,7 +164,7 @@ def magnetorquer_record(values: Mapping[str, Any]) -> Any:
         values,
         "magnetorquers.",
         gain=0.0 if values[LAW.name] == "off" else values[GAIN.name],
-        craft_inertia=values[CRAFT_INERTIA.name] if values[LAW.name] == "b_dot" else 0.0,
+        craft_inertia=values[CRAFT_INERTIA.name] if values[LAW.name] == B_DOT else 0.0,
         period=whole_steps(PERIOD.name, values[PERIOD.name], values[RATE.name]),
         seed=values[SEED.name],
         rate=values[RATE.name],
@@ -170,7 +172,10 @@ def magnetorquer_record(values: Mapping[str, Any]) -> Any:
 
 
 def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
-    """Compare what a period removes with twice the momentum, and what is left with a wheel."""
+    """Compare what is removed in a period, and what is left, with what there is and may be.
+
+    Of a tumbling craft that b_dot slows, its turn in a period and the time that it needs, too.
+    """
     if values[LAW.name] != "off":
         yield advisable(
             "unloading in a period",
@@ -182,12 +187,12 @@ def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
         )
         held = np.multiply(values[INERTIA.name], values[MAX_SPEED.name]).min()  # [N·m·s]
         meaning = "momentum of the wheels from which on they are unloaded, against what one holds"
-        if values[LAW.name] == "b_dot" and MAX_RATE.name in task.craft:
+        if values[LAW.name] == B_DOT and MAX_RATE.name in task.craft:
             held = min(held, values[CRAFT_INERTIA.name] * task.craft[MAX_RATE.name])
             meaning = "momentum from which on it is removed, against what a wheel holds, and what "
             meaning += "the craft has at star_tracker.max_rate"
         yield advisable("unloading deadband", values[DEADBAND.name], held, "N·m·s", meaning)
-    if values[LAW.name] == "b_dot" and rigid_body.INITIAL_RATE.name in task.craft:
+    if values[LAW.name] == B_DOT and rigid_body.INITIAL_RATE.name in task.craft:
         omega = np.array(task.craft[rigid_body.INITIAL_RATE.name])
         turn = float(np.linalg.norm(omega)) * values[PERIOD.name]
         meaning = "turn in the time for which a dipole is held: after more than π/2 it may spin "

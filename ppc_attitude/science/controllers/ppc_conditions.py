@@ -77,9 +77,9 @@ def _lyapunov(values: Mapping[str, Any], q_e0: float, fall: float) -> Iterator[C
     s4 = min(2.0 * values["C_q"] - values["C_tau"], 2.0 * values["C_omega"] - values["B_tau"])
     s5 = 2.0 * values["K_b"] - 1.0 - values["k2"] - values["C_tau"] - values["B_tau"]
     meaning = "|q_e0| M_ω − 4 max(−ρ_q'/ρ_q): V1 decreases by itself"
-    yield promised("S1", s1, ">", 0.0, "", meaning)
+    yield promised("S1", s1, 0.0, ">", "", meaning)
     meaning = "|q_e0| M_ω − 4 l, with the paper's approximation max(−ρ_q'/ρ_q) ≈ l"
-    yield promised("S1 of the paper", papers, ">", 0.0, "", meaning)
+    yield promised("S1 of the paper", papers, 0.0, ">", "", meaning)
     yield Condition("S2", s2, 0.0, ">", "", True, "2 K_ω − 2 K_u − 2: V2 decreases")
     yield Condition("S3", s3, 0.0, ">", "", True, "2 K_a − 1 − K_u k2: V3 decreases")
     meaning = "min(2 C_q − C_τ, 2 C_ω − B_τ): V4 decreases"
@@ -94,9 +94,9 @@ def _following(
     shrink = 0.5 * q_e0 * values["k"] * values["M_omega"]
     beta = values["beta"]
     meaning = "a small error falls at a larger relative rate than its envelope, max(−ρ_q'/ρ_q)"
-    yield promised("small error follows", shrink * beta, ">", fall, "1/s", meaning)
+    yield promised("small error follows", shrink * beta, fall, ">", "1/s", meaning)
     meaning = "the same for an error on its envelope: no error leaves it, whatever the start"
-    yield promised("edge follows", shrink * math.tanh(beta), ">", fall, "1/s", meaning)
+    yield promised("edge follows", shrink * math.tanh(beta), fall, ">", "1/s", meaning)
     meaning = "largest component of q_ev at a start from rest that stays in the nominal envelope; "
     meaning += "for a larger one use envelope: auto"
     yield Condition("largest start", largest_start(gains), 0.0, ">", "", False, meaning)
@@ -115,7 +115,7 @@ def _rates(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
     total = math.degrees(bound + desired + math.sqrt(3.0) * values["rate_envelope.terminal"])
     meaning = "max‖v‖ + max‖ω_d‖ + √3 g∞ of ρ_ω: guaranteed once z2 is inside its envelope"
     meaning += "" if task.slews_from is None else ", unless a slew is broken off"
-    yield promised("rate bound", total, "≤", limit, "deg/s", meaning)
+    yield promised("rate bound", total, limit, "≤", "deg/s", meaning)
     if task.slews_from is None:
         return
     shape = envelope_of(ATTITUDE_ENVELOPE.name, values)
@@ -126,8 +126,8 @@ def _rates(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
     yield promised(
         "slew rate",
         math.degrees(desired + bound * width),
-        "≤",
         limit,
+        "≤",
         "deg/s",
         f"V + max‖v‖ ρ_q, ρ_q = {width:.3g} {when}: rate in a slew with an error as large as its "
         "envelope",

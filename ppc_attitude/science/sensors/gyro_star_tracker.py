@@ -42,7 +42,7 @@ from ppc_attitude.science.kernel import (
     store_quaternion,
     vector,
 )
-from ppc_attitude.science.magnetorquers import LAW
+from ppc_attitude.science.magnetorquers import B_DOT, LAW
 from ppc_attitude.science.parameter import RATE, at_start, filled, record_type
 from ppc_attitude.science.plants.rigid_body import INITIAL_RATE
 from ppc_attitude.science.sensors import gyro, star_tracker
@@ -277,14 +277,14 @@ def advice(state: Any) -> Advice:
 def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
     """Compare the rates of craft and reference with the largest at which fixes come."""
     most = values[star_tracker.MAX_RATE.name]
-    if INITIAL_RATE.name in task.craft and task.craft.get(LAW.name) != "b_dot":
+    if INITIAL_RATE.name in task.craft and task.craft.get(LAW.name) != B_DOT:
         yield advisable(
             "rate at the start",
             float(np.linalg.norm(task.craft[INITIAL_RATE.name])),
             most,
             "rad/s",
             "a first fix comes up to star_tracker.max_rate only: without one there is no estimate, "
-            "so the law gives no torque, and only magnetorquers.law b_dot stops the craft",
+            f"so the law gives no torque, and only {LAW.name} {B_DOT} stops the craft",
         )
     if task.desired_rate is not None:
         yield advisable(
