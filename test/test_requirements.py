@@ -212,7 +212,7 @@ def test_torque_that_alternates_is_judged_by_its_amplitude_once_settled() -> Non
     assert "chatter" not in {row.key for row in Verdict(run).requirements}
     sign, torque = np.where(np.arange(run.t.size) % 2, -1.0, 1.0), np.zeros((run.t.size, 3))
     torque[:, 0] = 0.02 * np.sin(2.0 * np.pi * 5.0 * run.t)
-    early, recovering = run.t < 59.9, (run.t >= 80.0) & (run.t < 89.9)
+    early, recovering = run.t < 60.0, (run.t >= 80.0) & (run.t <= 90.0)
     torque[:, 1] = 0.05 * sign * (early | recovering)
     torque[:, 2] = 0.03
     row = requirement(Verdict(with_columns(run, applied_torque=torque), required), "chatter")

@@ -74,8 +74,9 @@ def _chatter(run: Measured, limit: float) -> Requirement:
     torque, unit = APPLIED_TORQUE.column, "N·m"
     if why := run.lacks(torque) or run.lacks_settled:
         return run.row("chatter", None, limit, unit, why)
-    swing = np.diff(samples(run.record, torque), 2, axis=0) / 4.0
-    swing = swing[run.settled[2:] & np.isfinite(swing).all(axis=1)]
+    told = np.where(run.settled[:, None], samples(run.record, torque), np.nan)
+    swing = np.diff(told, 2, axis=0) / 4.0
+    swing = swing[np.isfinite(swing).all(axis=1)]
     most = float(np.sqrt(np.square(swing).mean(axis=0)).max()) if swing.size else None
     span, absent = run.span_from_deadline, absent_in(run.record, torque)
     row = ("chatter", most, limit, unit, "", span)
