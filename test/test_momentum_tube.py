@@ -172,6 +172,7 @@ def test_recovers_when_a_hit_makes_the_craft_tumble() -> None:
     turning = measurement_of(Rotation.identity(), (1.0, 0.0, 0.0))
     momentum_tube.step(turning, memory, gains, command)
     assert (memory["tumbling"], *command["momentum_error"]) == (1.0, 0.0, 0.0, 0.0)  # none is told
+    assert momentum_tube.advice(memory).text == "nothing is guaranteed while the craft tumbles"
 
 
 def law_of(**values: Any) -> Any:

@@ -143,6 +143,8 @@ def advice(memory: Any) -> Advice:
             f"ones; the guarantee begins anew {plan}",
             warning=True,
         )
+    if memory["tumbling"] != 0.0:
+        return Advice("nothing is guaranteed while the craft tumbles", warning=True)
     if memory["certified"] == 1.0:
         return Advice(f"the guarantee applies {plan}", warning=False)
     reason = "its certificate is for other numbers" if memory["certified"] else "no certificate"
