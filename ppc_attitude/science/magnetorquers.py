@@ -198,11 +198,12 @@ def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
         meaning = "turn in the time for which a dipole is held: after more than π/2 it may spin "
         meaning += "the craft up"
         yield advisable("turn in a period", turn, math.pi / 2.0, "rad", meaning)
-        if MAX_RATE.name in task.craft and task.duration:
+        if MAX_RATE.name in task.craft:
             meaning = "least time until the craft is slow enough for a fix, by the largest dipole "
-            meaning += "in the strongest field, and by the gain, against that of the run"
+            meaning += "in the strongest field, and by the gain, against settling deadline and run"
             least = _detumbling_time(values, task.craft, omega)
-            yield advisable("time to detumble", least, task.duration, "s", meaning)
+            there_is = min(task.deadline, task.duration or math.inf)
+            yield advisable("time to detumble", least, there_is, "s", meaning)
 
 
 def _detumbling_time(values: Mapping[str, Any], craft: Mapping[str, Any], omega: Any) -> float:
