@@ -19,6 +19,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from conftest import Ask
 from craft_helpers import case, configs, overlay
@@ -26,7 +27,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
-from synthetic import normal_run, requirement, with_parameters
+from synthetic import normal_run, requirement, with_parameters, with_rows
 from test_hardware_faults import WORDS
 
 from ppc_attitude.analysis.comparison import comparisons_of
@@ -157,11 +158,12 @@ def test_an_envelope_is_not_judged_while_the_law_is_told_no_attitude() -> None:
     record = simulate(case("sensors_smallsat", **given), 3.0)
     known = record["attitude"].any(axis=1)
     back = record.t[150:][known[150:]][0]
-    verdict = Verdict(record)
-    for key in ("outside_attitude_envelope", "outside_rate_envelope"):
+    verdict = Verdict(with_rows(record, "rate_error", slice(50, 70), np.nan))
+    gaps = {"outside_attitude_envelope": (), "outside_rate_envelope": ((0.49, 0.7),)}
+    for key, gap in gaps.items():
         row = requirement(verdict, key)
-        assert row.without == ((1.0, back), (2.5, 3.0))
-        assert row.note.endswith(f"without 1 to {back:g}, 2.5 to 3")
+        assert row.without == (*gap, (1.0, back), (2.5, 3.0))
+        assert row.note.endswith(f"1 to {back:g}, 2.5 to 3")
     assert requirement(verdict, "rate").without == ()
     lost = simulate(case("sensors_smallsat", faults=["gyro dead"]), 1.0)
     row = requirement(Verdict(lost), "outside_attitude_envelope")

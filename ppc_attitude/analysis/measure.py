@@ -249,7 +249,7 @@ class Measured:
         What is absent of the span is left out; if it is much, a limit that seems met is not judged.
         """
         span = span or self.whole
-        without = (*without, *clipped(absent, span))
+        without = tuple(sorted((*without, *clipped(absent, span))))
         if value is None and not why:
             why = f"there is no finite sample from {span_text(span)} s"
         name = self.names[key]
