@@ -359,6 +359,7 @@ def test_a_run_that_ends_before_its_last_goal_is_reached_is_warned_of(
         reached = told_by_check(ask, *configs("paper"), file, run)["last arrival"]
         assert reached["value"] == pytest.approx(119.4, abs=0.1)
         assert reached["holds"] == enough
+        assert reached["meaning"].endswith("if the attitude is known from the start on")
 
 
 def test_a_start_without_a_fix_is_checked_by_the_truth(tmp_path: Path, ask: Ask) -> None:

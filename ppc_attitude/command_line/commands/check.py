@@ -189,7 +189,8 @@ def _promised(
 def _goal_conditions(goals: list[Answer], end: float) -> Iterator[Condition]:
     """Yield the conditions that all goals are followed, and that the last is reached by the end."""
     if goals and end:
-        meaning = "the desired motion comes to where the goals lead before the run ends"
+        meaning = "the desired motion comes to where the goals lead before the run ends, if the "
+        meaning += "attitude is known from the start on"
         yield advisable("last arrival", goals[-1].arrives, end, "s", meaning)
     if goals:
         meaning = "the guidance follows every scheduled goal"
