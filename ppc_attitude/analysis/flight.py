@@ -246,6 +246,8 @@ def _judge_ways(run: Measured, ways: list[tuple[float, float]], limit: float) ->
     longest, note = None, ""
     ends = [*(ordered for ordered, _ in ways[1:]), run.end]
     for (ordered, arrives), until in zip(ways, ends, strict=True):
+        if ordered == run.begin > 0.0:  # it may be older than the record
+            continue
         there = np.flatnonzero(settled & (run.t >= arrives) & (run.t <= until))
         took = float(run.t[there[0]] if there.size else until) - ordered
         if (there.size or took >= limit) and (longest is None or took > longest):
