@@ -17,13 +17,11 @@ import os
 import re
 import shutil
 import sys
-import threading
 from collections import namedtuple
-from concurrent.futures import ThreadPoolExecutor
 from enum import Enum
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 from typing import Any
 
 import numba
@@ -31,7 +29,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numba.core import caching, config
 from process_helpers import COMMAND, ran
 
 from ppc_attitude.processes.imports import drop_empty_entries
@@ -89,22 +86,24 @@ def test_processes_that_save_at_once_get_no_code_of_each_other(tmp_path: Path) -
     assert (this.load("this"), this.load("other")) == ("code of this", "code of the other")
 
 
-def test_threads_that_compile_leave_numbas_setting_as_it_was() -> None:
-    """Else compiled code lands where the user stands, and would be executed from there."""
-    before, inside = (config.CACHE_DIR, caching.IndexDataCacheFile), threading.Event()
-    caches = [SimpleNamespace(_index_key=tuple) for _ in range(2)]
-    second = SimpleNamespace(enable_caching=inside.set, _cache=caches[1])
-
-    def enable() -> None:
-        waiting.append(other.submit(kernel.open_cache, second, kernel.__name__))
-        assert not inside.wait(0.2)  # [s] it would take microseconds
-
-    first, waiting = SimpleNamespace(enable_caching=enable, _cache=caches[0]), []
-    with ThreadPoolExecutor(1) as other:
-        kernel.open_cache(first, kernel.__name__)
-        waiting[0].result()
-    assert inside.is_set()
-    assert before == (config.CACHE_DIR, caching.IndexDataCacheFile)
+def test_functions_of_others_are_cached_where_they_belong(tmp_path: Path) -> None:
+    """Also by a thread that compiles while another one opens a cache of ours."""
+    (tmp_path / "others.py").write_text("def function():\n    return 1.0\n")
+    code = (
+        "import os, others, numba\n"
+        "from concurrent.futures import ThreadPoolExecutor\n"
+        "from ppc_attitude.science.attitude import product as ours\n"
+        "from ppc_attitude.science.kernel import Cache\n"
+        "place = lambda _: numba.njit(cache=True)(others.function)._cache.cache_path\n"
+        "with ThreadPoolExecutor(1) as threads:\n"
+        "    told = threads.map(place, range(300))\n"
+        "    for _ in range(100):\n"
+        "        Cache(ours.py_func, ours.__module__)\n"
+        "print(*map(os.path.abspath, set(told)), sep='\\n')\n"
+    )
+    search = os.pathsep.join([str(tmp_path), str(PACKAGE.parent)])
+    told = printed(code, tmp_path, PYTHONPATH=search, NUMBA_CACHE_DIR="")
+    assert told == f"{tmp_path / '__pycache__'}\n"
 
 
 def printed(code: str, folder: Path, **environment: str) -> str:

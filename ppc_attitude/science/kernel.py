@@ -30,8 +30,6 @@ from typing import Any, TypeAlias, TypeVar, cast
 import numba
 from numba import types
 from numba.core import caching, cgutils
-from numba.core import config as _numba_config
-from numba.core.compiler_lock import global_compiler_lock
 from numba.core.runtime.nrt import rtsys
 from numba.extending import intrinsic
 
@@ -48,8 +46,6 @@ NO_ATTITUDE: Quaternion = (0.0, 0.0, 0.0, 0.0)  # stands for an unknown attitude
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 ir: Any = vars(cgutils)["ir"]  # the builder of machine code that Numba uses
 carray: Any = vars(numba)["carray"]  # Numba does not list it among its exports
-_SETTINGS: Any = _numba_config  # Numba sets its attributes at run time, unseen by a type checker
-_CACHING: Any = caching  # where Numba looks up the class of its cache files
 _PACKAGE = __name__.partition(".")[0]
 
 # No fastmath: the node, the in-process loop and the replay must agree to the last bit.
@@ -107,6 +103,74 @@ class CacheFile(caching.IndexDataCacheFile):
             ) from error
 
 
+class _Place(caching._SourceFileBackedLocatorMixin, caching._CacheLocator):
+    """The place of a function's machine code in a folder, which a subclass names."""
+
+    def __init__(self: Any, function: Any, file: str) -> None:
+        self._py_file, self._lineno = file, function.__code__.co_firstlineno
+        self._path = str(Path(self.folder, self.get_suitable_cache_subpath(file)))
+
+    def get_cache_path(self: Any) -> Any:
+        """Return that place."""
+        return self._path
+
+
+class _Kept(caching.CompileResultCacheImpl):
+    """Machine code in a folder; where that cannot be written, in a folder of the user's."""
+
+    def __init__(self: Any, folder: str, function: Any) -> None:
+        place, whole = type("Place", (_Place,), {"folder": folder}), cast(Any, super())
+        self._locator_classes = [place, *self._locator_classes[1:]]  # the first is Numba's setting
+        whole.__init__(function)
+
+
+class Cache(caching.FunctionCache):
+    """The cache of a compiled function, in the cache folder of a module's package.
+
+    No setting of Numba's is changed, so functions of other packages are cached where they belong.
+    The folder of the user's is one for all states of the sources, so their digest is part of each
+    key.
+
+    Before it reads a cache, Numba imports its whole compiler, two hundred modules, which took a
+    third of the start of a command. Machine code of this package needs only Numba's runtime; code
+    of other packages may need an extension of Numba.
+
+    Raises
+    ------
+    ConfigurationError
+        Numba finds no folder that it can write to.
+    """
+
+    def __init__(self: Any, function: Any, module: str) -> None:
+        package = module.partition(".")[0]
+        folder = _cache_folder(package)
+        self._impl_class, whole = partial(_Kept, folder), cast(Any, super())
+        try:
+            whole.__init__(function)
+        except RuntimeError as error:
+            if not str(error).startswith("cannot cache function"):
+                raise
+            raise ConfigurationError(
+                f"compiled kernels cannot be saved: neither {folder} nor a folder of the user's "
+                "own can be written; set NUMBA_CACHE_DIR to one that can"
+            ) from None
+        named, stamp = self._impl.filename_base, self._impl.locator.get_source_stamp()
+        self._cache_file = cast(Any, CacheFile)(self._cache_path, named, stamp)
+        self._is_ours, self._told = package == _PACKAGE, sources_of(package)
+        if not self._is_ours:  # it may refer to other packages than its own and ours
+            self._told += digest_of(function)
+
+    def load_overload(self: Any, signature: Any, target: Any) -> Any:
+        """Return the machine code for a signature; None if there is none."""
+        if not self._is_ours:
+            return cast(Any, super()).load_overload(signature, target)
+        rtsys.initialize(target)
+        return self._load_overload(signature, target)
+
+    def _index_key(self: Any, *asked: Any) -> Any:
+        return (*cast(Any, super())._index_key(*asked), self._told)
+
+
 class _Unopened(caching.NullCache):
     """Stand-in for a kernel's cache until its first call: opening all took a tenth of a start."""
 
@@ -115,56 +179,8 @@ class _Unopened(caching.NullCache):
 
     def load_overload(self, *asked: Any) -> Any:
         """Open the cache, and look there."""
-        open_cache(self._compiled, self._compiled.__module__)
+        self._compiled._cache = Cache(self._compiled.py_func, self._compiled.__module__)
         return self._compiled._cache.load_overload(*asked)
-
-
-def open_cache(compiled: Any, module: str) -> None:
-    """Open the cache of a compiled function in the cache folder of its module's package.
-
-    Numba reads its process-wide settings when it opens a cache. They are changed for this call
-    only, so that functions of other packages are cached where they belong. If the folder cannot be
-    written, Numba falls back to a folder of the user's, which all states of the sources share; so
-    their digest is part of each key. A lock admits one thread at a time: otherwise one thread would
-    restore what another has set, and Numba would write to the working directory.
-
-    Before it reads a cache, Numba imports its whole compiler, two hundred modules, which took a
-    third of the start of a command. Machine code of this package needs only Numba's runtime, so
-    `_load` skips the import; code of other packages may need an extension of Numba.
-
-    Raises
-    ------
-    ConfigurationError
-        Numba finds no folder that it can write to.
-    """
-    package = module.partition(".")[0]
-    folder = _cache_folder(package)
-    with global_compiler_lock:
-        before = _SETTINGS.CACHE_DIR, _CACHING.IndexDataCacheFile
-        _SETTINGS.CACHE_DIR, _CACHING.IndexDataCacheFile = folder, CacheFile
-        try:
-            compiled.enable_caching()
-        except RuntimeError as error:
-            if not str(error).startswith("cannot cache function"):
-                raise
-            raise ConfigurationError(
-                f"compiled kernels cannot be saved: neither {folder} nor a folder of the user's "
-                "own can be written; set NUMBA_CACHE_DIR to one that can"
-            ) from None
-        finally:
-            _SETTINGS.CACHE_DIR, _CACHING.IndexDataCacheFile = before
-    cache = compiled._cache
-    key, told = cache._index_key, sources_of(package)
-    if package == _PACKAGE:
-        cache.load_overload = partial(_load, cache)
-    else:  # it may refer to other packages than its own and ours
-        told += digest_of(compiled)
-    cache._index_key = lambda *asked: (*key(*asked), told)
-
-
-def _load(cache: Any, signature: Any, target: Any) -> Any:
-    rtsys.initialize(target)
-    return cache._load_overload(signature, target)
 
 
 def kernel(function: _Function) -> _Function:

@@ -41,7 +41,7 @@ from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.given import misfit, misfit_text, rules_of
 from ppc_attitude.science.hooks import Advice
-from ppc_attitude.science.kernel import OPTIONS, carray, open_cache, pointer_to
+from ppc_attitude.science.kernel import OPTIONS, Cache, carray, pointer_to
 from ppc_attitude.science.referred import digest_of, sources_of
 from ppc_attitude.science.stamps import seconds
 
@@ -60,7 +60,7 @@ def _compile(component: Component, key: str) -> Any:
     read, given = component.input_record, component.output_record
     taken = tuple(map(from_dtype, (read, component.state, component.configuration, given)))
     compiled: Any = CFunc(function, (taken, types.void), {}, _OPTIONS)
-    open_cache(compiled, step.__module__)
+    compiled._cache = Cache(function, step.__module__)
     with warnings.catch_warnings():
         # The output records of all laws begin alike, so Numba takes one for a subtype of another.
         warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
