@@ -186,32 +186,12 @@ def test_who_needs_but_the_time_takes_it_from_the_truth_where_it_is_sent(kind: A
         for stamp in (1, 2):
             beside.send(TRUE_ATTITUDE, stamp, UNIT)
             beside.until(partial(answered.count, stamp))
-        node._on_state(3, UNIT)
+        beside.send(ATTITUDE, 3, UNIT)
+        beside.until(lambda: node.heard == 3)
         assert answered == [1, 2]
         passed = 60.0  # the truth is sent no longer
         beside.send(ATTITUDE, 4, UNIT)
         beside.until(lambda: answered == [1, 2, 4])
-
-
-@pytest.mark.parametrize("kind", [DisturbanceInjector, ReferenceGenerator])
-def test_who_hears_estimates_before_the_truth_of_their_instants_begins_nothing_anew(
-    kind: Any,
-) -> None:
-    """As who joins a run with an estimator, or goes on after a pause."""
-    begun: list[int] = []
-    stamps = [stamp_of(step, 100.0) for step in range(500, 520)]
-    with living(kind) as node:
-        node.answers._begin_again = begun.append
-        for stamp in stamps[:15]:
-            node._on_state(stamp, UNIT)
-        for stamp in stamps:
-            node._on_true_state(stamp, UNIT)
-        assert begun == []
-        assert node.answers._guard.last == stamps[-1]
-        node._on_true_state(0, UNIT)
-        node._on_true_state(stamps[1], UNIT)
-        assert begun == [0]
-        assert node.answers._guard.last == stamps[1]
 
 
 REFUSED = {

@@ -18,7 +18,14 @@ from fractions import Fraction
 
 import pytest
 
-from ppc_attitude.runtime.stamps import Instant, StampGuard, StampKind, out_of_order
+from ppc_attitude.runtime.stamps import (
+    SILENCE,
+    Instant,
+    StampGuard,
+    StampKind,
+    States,
+    out_of_order,
+)
 from ppc_attitude.science import compiled_stamps
 from ppc_attitude.science.stamps import (
     LARGEST_STEP,
@@ -160,3 +167,21 @@ def test_incomplete_instants_are_forgotten_and_counted():
     assert instant.add("b", 5, (1.0,)) is None
     assert instant.add("b", 999, (1.0,)) == {"a": (0.0,), "b": (1.0,)}
     assert instant.add("b", 998, (1.0,)) is None
+
+
+def test_states_of_the_truth_tell_the_time_as_long_as_they_are_sent():
+    """An estimator that stops would stop the environment, too."""
+    states = States()
+    assert [states.tells(stamp, True, 0.0) for stamp in (1, 2)] == [True, True]
+    assert not states.tells(3, False, SILENCE)
+    assert states.tells(4, False, 1.1 * SILENCE)
+
+
+def test_estimates_before_the_truth_of_their_instants_take_no_time_back():
+    """As for who joins a run with an estimator, or goes on after a pause."""
+    states = States()
+    assert all(states.tells(stamp, False, 0.0) for stamp in range(500, 515))
+    told = [stamp for stamp in (*range(500, 520), 0, 1) if states.tells(stamp, True, 0.0)]
+    assert told == [*range(514, 520), 0, 1]
+    assert states.tells(600, False, 2.0 * SILENCE)
+    assert states.tells(599, True, 3.1 * SILENCE)  # another run, most likely

@@ -14,7 +14,6 @@
 
 """A node that runs components: it collects their inputs by stamp, steps, publishes the outputs."""
 
-import math
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -25,7 +24,7 @@ from ppc_attitude.nodes.base import BaseNode
 from ppc_attitude.runtime.answers import Answers
 from ppc_attitude.runtime.chain import Chain
 from ppc_attitude.runtime.health import ERROR, OK, STALE, WARN, Status
-from ppc_attitude.runtime.stamps import SILENCE, Instant, Values
+from ppc_attitude.runtime.stamps import Instant, States, Values
 from ppc_attitude.science.component import read_from_elsewhere
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Value
@@ -37,8 +36,7 @@ class ComponentNode(BaseNode):
     """Answers each state with the outputs of its components at that instant.
 
     Components that read nothing depend on time alone, so their answers are sent an instant ahead.
-    They need but the stamps of the states: those of the truth where it is sent, because the world
-    goes on whether or not an estimator does.
+    They need but the stamps of the states (`States`).
     """
 
     tells_advice = False  # its status is the advice of its components, if they have any
@@ -58,14 +56,13 @@ class ComponentNode(BaseNode):
         self.answers = Answers(self._answer, ahead, self._begin_again)
         self._senders = {each.name: self.sender(BY_COLUMN[each.name]) for each in columns}
         self._steps = 0
-        self._truth_at = -math.inf  # [s] when the last true attitude came
-        self._estimated, self._estimated_at = 0, -math.inf  # stamp [ns] taken instead, and when [s]
         if self.chain.inputs:
             for topic in self._topics:
                 self.listen(topic, partial(self._receive, topic))
         else:
-            self.listen(ATTITUDE, self._on_state)
-            self.listen(TRUE_ATTITUDE, self._on_true_state)
+            states = States()
+            for topic in (ATTITUDE, TRUE_ATTITUDE):
+                self.listen(topic, partial(self._on_state, states, topic == TRUE_ATTITUDE))
 
     def new_instant(self, topics: Sequence[Topic]) -> Instant:
         """Return what collects the messages of an instant on the topics that are read."""
@@ -122,23 +119,8 @@ class ComponentNode(BaseNode):
         for stamp, parts in self._instant.take(topic.column, stamp_ns, values, self.now()):
             self.on_instant(stamp, parts)
 
-    def _on_true_state(self, stamp_ns: int, _: Values) -> None:
-        """Take the stamp of a state that the plant itself sends.
-
-        A node that joins a run, or was paused, may hear many estimates before the truth of the same
-        instants: these are answered, and time has not gone back.
-        """
-        self._truth_at = self.now()
-        if 0 < stamp_ns < self._estimated and self._truth_at - self._estimated_at < SILENCE:
-            return
-        self._estimated = 0
-        self._receive(ATTITUDE, stamp_ns, ())
-
-    def _on_state(self, stamp_ns: int, _: Values) -> None:
-        """Take the stamp of a state, unless the truth tells it, or did so a moment ago."""
-        now = self.now()
-        if now - self._truth_at > SILENCE:
-            self._estimated, self._estimated_at = stamp_ns, now
+    def _on_state(self, states: States, true: bool, stamp_ns: int, _: Values) -> None:
+        if states.tells(stamp_ns, true, self.now()):
             self._receive(ATTITUDE, stamp_ns, ())
 
     def on_instant(self, stamp_ns: int, parts: Mapping[str, Values]) -> None:

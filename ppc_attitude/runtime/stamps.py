@@ -21,6 +21,7 @@ that is late, restarts or lost a message is served by the same mechanism as ever
 
 from collections.abc import Iterable
 from enum import Enum
+from math import inf
 
 from ppc_attitude.science.stamps import LARGEST_STEP, LATEST, NANOSECONDS, nanoseconds, seconds
 
@@ -105,6 +106,32 @@ class StampGuard:
         self.last = stamp_ns
         self._candidate = None
         return kind
+
+
+class States:
+    """Which states tell the time to a node that reads nothing else.
+
+    Those of the truth do where it is sent, because the world goes on whether or not an estimator
+    does; else what the controller is told does. A node that joins a run, or was paused, may hear
+    many estimates before the truth of the same instants: time has not gone back.
+    """
+
+    def __init__(self) -> None:
+        self._truth_at = -inf  # [s] when the last true state came
+        self._told, self._told_at = 0, -inf  # stamp [ns] taken instead, and when [s]
+
+    def tells(self, stamp_ns: int, true: bool, now: float) -> bool:
+        """Whether a state, of the truth or not, that comes at a time [s] is to be answered."""
+        if true:
+            self._truth_at = now
+            if 0 < stamp_ns < self._told and now - self._told_at < SILENCE:
+                return False
+            self._told = 0
+            return True
+        if now - self._truth_at <= SILENCE:
+            return False
+        self._told, self._told_at = stamp_ns, now
+        return True
 
 
 class Instant:
