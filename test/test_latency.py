@@ -16,7 +16,6 @@
 
 from collections.abc import Callable
 from contextlib import nullcontext
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -57,7 +56,6 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> list[float]:
         numbers = (0.0, 0.0, 0.0, 1.0)[-topic.width :]
         handles[topic](Codec(topic).encode(round(k * STEP * 1e9), numbers))
 
-    monkeypatch.setattr(latency_probe, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
     monkeypatch.setattr(latency_probe, "visiting", lambda *_: nullcontext())
     monkeypatch.setattr(latency_probe, "listening", lambda _: nullcontext(listen))
     monkeypatch.setattr(latency_probe, "subscribe", subscribe)
@@ -65,7 +63,7 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 def test_what_comes_while_a_probe_joins_is_not_measured(graph: list[float]) -> None:
-    result = measure(lambda first: graph[0] < 1.9, joining=1.0)
+    result = measure(lambda first: graph[0] < 1.9, joining=1.0, now=lambda: graph[0])
     np.testing.assert_allclose(result.answered, TRIP, atol=1e-9)
     assert result.states == len(result.answered) == round((1.9 - JOINED - 1.0) / STEP)
     assert result.missed == 0
@@ -73,7 +71,9 @@ def test_what_comes_while_a_probe_joins_is_not_measured(graph: list[float]) -> N
 
 
 def test_a_stack_of_ones_own_is_measured_from_its_first_state_on(graph: list[float]) -> None:
-    assert measure(lambda first: graph[0] < 1.9).answered[0] == pytest.approx(TRIP - JOINED)
+    assert measure(lambda first: graph[0] < 1.9, now=lambda: graph[0]).answered[0] == pytest.approx(
+        TRIP - JOINED
+    )
 
 
 @pytest.mark.parametrize("states", [0, 1])

@@ -20,7 +20,6 @@ from dataclasses import replace
 from functools import partial
 from itertools import count
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -91,14 +90,13 @@ def test_a_search_ends_between_two_runs_when_its_time_is_over(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A generation of long runs went on for an hour."""
-    flown, now = list[int](), count()
-    clock = SimpleNamespace(monotonic=lambda: next(now))
-    monkeypatch.setattr("ppc_attitude.campaign.tuning.time", clock)
+    flown, clock = list[int](), count()
     monkeypatch.setattr(
         "ppc_attitude.campaign.tuning._verdict", lambda *told: flown.append(told[1])
     )
     with ThreadPoolExecutor(1) as threads:
-        assert tuned(cubesat(), 10.0, threads, runs=3, fresh=1).candidates == 3
+        found = tuned(cubesat(), 10.0, threads, runs=3, fresh=1, now=lambda: next(clock))
+    assert found.candidates == 3
     assert flown == [0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 3]
 
 

@@ -78,6 +78,7 @@ def tuned(
     fresh: int = 200,
     candidates: int = 10_000,
     progress: Callable[[int, float], None] = lambda _count, _cost: None,
+    now: Callable[[], float] = time.monotonic,
 ) -> Tuned:
     """Search for gains, then judge the best by fresh runs.
 
@@ -95,6 +96,8 @@ def tuned(
         Most sets of gains to try.
     progress : callable
         Called with the number of candidates and the least cost so far.
+    now : callable
+        Clock [s].
 
     Raises
     ------
@@ -130,12 +133,12 @@ def tuned(
         return float(np.mean(costs))
 
     def is_over() -> bool:
-        return tried > 0 and time.monotonic() >= end
+        return tried > 0 and now() >= end
 
     strategy: Any = cma.CMAEvolutionStrategy(
         np.zeros(begin.size), _WIDTH, {"seed": campaign.seed + 1, "verbose": -9}
     )
-    end = time.monotonic() + seconds
+    end = now() + seconds
     best, least, tried = np.zeros(begin.size), math.inf, 0
     met = {_BROKE}  # by some run of the search; this one is no requirement
     questions = [best]  # the configured gains are the first candidate

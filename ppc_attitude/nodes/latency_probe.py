@@ -46,11 +46,14 @@ class Latencies(NamedTuple):
 
 
 def measure(
-    goes_on: Callable[[float | None], bool], namespace: str = "", joining: float = 0.0
+    goes_on: Callable[[float | None], bool],
+    namespace: str = "",
+    joining: float = 0.0,
+    now: Callable[[], float] = time.perf_counter,
 ) -> Latencies:
     """Listen to states and torque commands as long as `goes_on` is true.
 
-    It gets the time at which the first state came, by `time.perf_counter` [s], or None before that.
+    It gets the time at which the first state came, by `now` [s], or None before that.
     States that come within `joining` [s] after it do not count: a node that joins a running topic
     gets its first messages late and all at once, and those of another topic at another time.
     """
@@ -60,7 +63,7 @@ def measure(
     def note(topic: Topic, times: dict[int, float], data: bytes) -> None:
         stamp = header_stamp(data, topic.msgtype)
         if stamp is not None:
-            times.setdefault(stamp, time.perf_counter())
+            times.setdefault(stamp, now())
 
     with visiting("latency_probe", namespace) as node:
         for topic, times in ((ATTITUDE, arrivals), (TORQUE_COMMAND, answers)):
