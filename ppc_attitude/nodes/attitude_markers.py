@@ -18,7 +18,6 @@ Of guidance it draws what `guidance/status` says, so it does the same for a bag 
 """
 
 import sys
-import time
 from functools import partial
 from typing import Any
 
@@ -85,7 +84,7 @@ class AttitudeMarkers(BaseNode):
 
     def wake(self) -> float:
         """Draw when it is time and there is a new state."""
-        now, period = time.monotonic(), 1.0 / float(self.parameters["update_rate"])
+        now, period = self.now(), 1.0 / float(self.parameters["update_rate"])
         if now >= self._looked_at + period:
             self._looked_at = now
             self._draw()

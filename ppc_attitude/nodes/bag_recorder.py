@@ -300,7 +300,7 @@ class BagRecorder(BaseNode):
 
     def _take_gathered(self) -> None:
         """Take all that has arrived."""
-        self._now = time.monotonic()
+        self._now = self.now()
         heard = [ear for ear in self._ears.values() if take_gathered(ear.subscription)]
         for home, recording in self._recordings.items():
             if (stamp := recording.progress(self._graph.awaited[home])) is not None:
@@ -313,7 +313,7 @@ class BagRecorder(BaseNode):
 
         The record of a stack that runs on ends with the newest state.
         """
-        begun = self._now = time.monotonic()
+        begun = self._now = self.now()
         late = time.time_ns() + nanoseconds(_RUNS_ON)
         end = inf
         while not self.failure and self._now < min(max(begun, self._heard_at) + _QUIET, end):
@@ -365,7 +365,7 @@ class BagRecorder(BaseNode):
 
     def wake(self) -> float:
         """Take messages in batches until none has come for a while."""
-        end = time.monotonic() + _LONGEST
+        end = self.now() + _LONGEST
         self._take_gathered()
         while self._now - self._heard_at < _CALM and self._now < end:
             time.sleep(_BATCH)

@@ -85,7 +85,7 @@ class BaseNode(Node):
         self._outgoing: list[Any] = []
         self._diagnostics = publisher_of(self, DIAGNOSTICS_TOPIC)
         self._changes = publisher_of(self, CHANGES_TOPIC)
-        self._watch = PublisherWatch(self)
+        self._watch = PublisherWatch(self, self._born)
 
     def check(self, values: Mapping[str, Value]) -> None:
         """Raise ConfigurationError if the parameters do not fit together."""

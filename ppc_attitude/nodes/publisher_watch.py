@@ -14,7 +14,6 @@
 
 """Whether another node publishes what this one does: seen in the graph, proved by its messages."""
 
-import time
 from collections.abc import Hashable, Mapping
 from typing import Any
 
@@ -46,7 +45,7 @@ def publishing_nodes(node: Node, topic: str) -> dict[Hashable, str]:
 
 
 class PublisherWatch:
-    """Look once a second for others that publish on the topics of a node.
+    """Look once a second for others that publish on the topics of a node that begins now.
 
     Attributes
     ----------
@@ -56,9 +55,9 @@ class PublisherWatch:
         True if the node is the newer one, and all who listen have had time to hear both.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, now: float) -> None:
         self._node = node
-        self._since = self._looked = time.monotonic()
+        self._since = self._looked = now
         self._topics: dict[str, Topic] = {}
         self._ear: Node | None = None
         self._heard: dict[str, tuple[Any, Publishers]] = {}  # subscription, and its publishers
