@@ -54,9 +54,11 @@ class AttitudeEstimator(ComponentNode):
 
     def details(self) -> dict[str, Any]:
         """Numbers for `/diagnostics`."""
-        lost, useless = (self._fixes.lost, self._fixes.useless) if self._fixes else (0, 0)
-        counts = {"fixes not there in time": lost, "fixes after a newer one": useless}
-        return {**super().details(), **counts}
+        details = super().details()
+        if self._fixes:
+            details["fixes not there in time"] = self._fixes.lost
+            details["fixes after a newer one"] = self._fixes.useless
+        return details
 
 
 main = partial(run_node, AttitudeEstimator)
