@@ -315,3 +315,14 @@ def test_a_loop_is_measured_by_the_period_of_its_actuator(tell: Tell, tmp_path: 
         told = tell(f"check {PAPER} --config own.yaml --config two.yaml --json").json["conditions"]
         margins += [each["value"] for each in told if each["name"] == "loop margin"]
     assert margins[0] == pytest.approx(margins[1], rel=1e-3)
+
+
+def test_check_compares_the_envelopes_with_the_noise_that_parts_declare(
+    tell: Tell, tmp_path: Path
+) -> None:
+    choose(tmp_path, "/**", "sensors: rounding, estimator: two_rates")
+    conditions = tell(f"check {PAPER} --config own.yaml --json").json["conditions"]
+    (floor,) = (
+        each["limit"] for each in conditions if each["name"] == "attitude_envelope.terminal"
+    )
+    assert floor == pytest.approx(6.0 * 1e-6 / math.sqrt(12.0))  # of the rounding

@@ -42,7 +42,6 @@ from ppc_attitude.science.estimators.steady_state import (
     Sigmas,
     bias_in_innovation,
     error_sigmas,
-    noise_floors,
 )
 from ppc_attitude.science.guidance.orders import GOAL_TIMES
 from ppc_attitude.science.guidance.profile import duration, profile
@@ -53,7 +52,7 @@ from ppc_attitude.science.multibody import COUPLING, multibody_record
 from ppc_attitude.science.performance import R_LIMIT
 from ppc_attitude.science.plants.rigid_body import INERTIA, INITIAL_RATE
 from ppc_attitude.science.references import goal
-from ppc_attitude.science.sensors import direct, gyro, gyro_star_tracker
+from ppc_attitude.science.sensors import gyro, gyro_star_tracker
 from ppc_attitude.science.stamps import first_step, instant, seconds
 from ppc_attitude.science.wheels import WHEELS
 from ppc_attitude.simulation.scenario import Scenario
@@ -148,17 +147,15 @@ def _first_answer(scenario: Scenario, craft: Mapping[str, Any]) -> float:
 def _sigmas(scenario: Scenario) -> Sigmas:
     """σ of the errors as the law sees them, on the axis on which it is largest.
 
-    For an estimator or sensors of another package they are not known: zeros.
+    They are zero if whoever tells the law its motion declares no noise.
     """
     plant, estimator, law = (scenario.parameters[each] for each in (PLANT, ESTIMATOR, CONTROLLER))
     rate = scenario.number(PLANT, "rate")
-    selected = ESTIMATORS.selected(estimator)
-    if selected is mekf.COMPONENT:
-        return Sigmas(*map(max, *noise_floors(estimator, law, rate)))
-    if selected is None and SENSORS.selected(plant) is direct.COMPONENT:
-        white = plant["rate_noise"] / math.sqrt(rate)
-        return error_sigmas(law, rate, white, plant["attitude_noise"] ** 2, 0.0)
-    return Sigmas(0.0, 0.0)
+    filtered = ESTIMATORS.selected(estimator)
+    teller, values = (filtered, estimator) if filtered else (SENSORS.selected(plant), plant)
+    if teller is None or teller.noise is None:
+        return Sigmas(0.0, 0.0)
+    return error_sigmas(law, rate, *teller.noise(values, rate))
 
 
 def _of_settling(task: Task, torque: float) -> Iterator[Condition]:

@@ -222,6 +222,11 @@ class Component:
     motion_bounds : callable, optional
         Of references: from parameter values and a duration [s] to bounds of ‖ω_d‖ [rad/s], ‖ω_d'‖
         [rad/s²] and ‖ω_d''‖ [rad/s³] for that time.
+    noise : callable, optional
+        Of sensors or an estimator that tell the law its motion: from parameter values and the steps
+        per second [Hz] to variances of attitude [rad²] and bias of the rate [rad²/s²] on the worst
+        axis, once they have settled, and σ of the rate's white noise [rad/√s]. `check` compares the
+        envelopes with them.
     conditions : callable
         From parameter values and a `Task` to the conditions that `check` tells.
     observes : bool
@@ -247,6 +252,7 @@ class Component:
     period: Callable[[Mapping[str, Any]], float] = lambda _: 0.0
     bound: Callable[[Mapping[str, Any]], float] | None = None
     motion_bounds: Callable[[Mapping[str, Any], float], tuple[float, float, float]] | None = None
+    noise: Callable[[Mapping[str, Any], float], tuple[float, float, float]] | None = None
     conditions: Callable[[Mapping[str, Any], Task], Iterable[Condition]] = lambda *_: ()
     observes: bool = False
 

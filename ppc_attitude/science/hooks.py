@@ -90,9 +90,9 @@ def _impulses(given: Any) -> NDArray[np.float64]:
     return impulses
 
 
-def _bounds_of_motion(given: Any) -> tuple[float, float, float]:
-    rate, acceleration, jerk = map(_size, given)
-    return rate, acceleration, jerk
+def _three_sizes(given: Any) -> tuple[float, float, float]:
+    first, second, third = map(_size, given)
+    return first, second, third
 
 
 def _conditions(given: Any) -> tuple[Condition, ...]:
@@ -112,7 +112,8 @@ HOOKS: dict[str, Callable[[Any], Any]] = {
     "least_impulse": _impulses,
     "period": _size,
     "bound": _size,
-    "motion_bounds": _bounds_of_motion,
+    "motion_bounds": _three_sizes,
+    "noise": _three_sizes,
     "conditions": _conditions,
 }
 """Each hook by name, with the function that checks and converts its answer."""

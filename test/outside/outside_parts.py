@@ -186,6 +186,7 @@ ESTIMATOR = Component(
     inputs=(ROUNDED_ATTITUDE, ROUNDED_RATE),
     outputs=(*TOLD, RATE_CHANGE),
     step=step_estimator,
+    noise=lambda values, rate: (4.0 * _LAST_BIT**2 / 12.0, 0.0, 0.0),
 )
 
 # Reference: a steady turn about one axis.

@@ -40,6 +40,7 @@ from ppc_attitude.science.estimators.late_fixes import (
     take_fix,
     take_sample,
 )
+from ppc_attitude.science.estimators.steady_state import settled_knowledge
 from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.kernel import (
     NO_ATTITUDE,
@@ -329,5 +330,6 @@ COMPONENT = Component(
     step=step,
     advice=advice,
     advices=lambda memory: int(memory["verdicts"]),
+    noise=settled_knowledge,
     conditions=conditions,
 )

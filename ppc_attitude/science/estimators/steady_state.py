@@ -175,7 +175,7 @@ class Sigmas(NamedTuple):
 
 
 def error_sigmas(
-    controller: Mapping[str, Any], rate: float, white: float, attitude: float, bias: float
+    controller: Mapping[str, Any], rate: float, attitude: float, bias: float, white: float
 ) -> Sigmas:
     """σ of the errors that a law sees on one axis.
 
@@ -188,10 +188,8 @@ def error_sigmas(
         Checked parameters of the law's node.
     rate : float
         Steps per second [Hz].
-    white : float
-        Of the measured rate [rad/√s].
-    attitude, bias : float
-        Variances of the attitude that the law is told [rad²] and of its rate's bias [rad²/s²].
+    attitude, bias, white : float
+        What `Component.noise` gives of who tells the law its motion.
     """
     frequency = controller[RATE_OBSERVER.name]
     measured = rate_sigma(frequency, white) if frequency else white * math.sqrt(rate)
@@ -199,33 +197,15 @@ def error_sigmas(
     return Sigmas(0.5 * math.sqrt(attitude), math.sqrt(measured**2 + bias + slope**2 * attitude))
 
 
-def noise_floors(
-    estimator: Mapping[str, Any], controller: Mapping[str, Any], rate: float
-) -> tuple[Sigmas, Sigmas]:
-    """σ of the errors that a law sees of its own craft, once the filter has settled.
+def settled_knowledge(estimator: Mapping[str, Any], rate: float) -> tuple[float, float, float]:
+    """Uncertainty of a filter once it has settled, as `first_knowledge` gives that of the start.
 
-    The first is of axes across the tracker's boresight, the second of the one along it. A published
-    estimate is oldest just before a fix arrives: latency and interval after it was updated.
-
-    Parameters
-    ----------
-    estimator, controller : mapping
-        Checked parameters of both nodes.
-    rate : float
-        Steps per second [Hz].
-
-    Raises
-    ------
-    ConfigurationError
-        The tracker's rate does not divide the steps'.
+    A published estimate is oldest just before a fix arrives: latency and interval after it was
+    updated.
     """
     every, delay = slots(rate, estimator)
-    interval, age = every / rate, (every + delay) / rate
     white, walk = _gyro_noise(estimator, rate)
-
-    def of_axis(noise: float) -> Sigmas:
-        _, after = steady_state(noise, white, walk, interval)
-        known = after_gap(after, white, walk, age)
-        return error_sigmas(controller, rate, white, known.attitude, known.bias)
-
-    return of_axis(estimator[CROSS_NOISE.name]), of_axis(estimator[BORESIGHT_NOISE.name])
+    fix = max(estimator[CROSS_NOISE.name], estimator[BORESIGHT_NOISE.name])
+    _, after = steady_state(fix, white, walk, every / rate)
+    known = after_gap(after, white, walk, (every + delay) / rate)
+    return known.attitude, known.bias, white

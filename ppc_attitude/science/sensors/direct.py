@@ -14,6 +14,7 @@
 
 """Attitude and rate measured directly: exact, or with white Gaussian noise on each axis."""
 
+import math
 from collections.abc import Mapping
 from functools import partial
 from typing import Any
@@ -133,6 +134,11 @@ def is_exact(values: Mapping[str, Any]) -> bool:
     return not (values["attitude_noise"] or values["rate_noise"] or faulty)
 
 
+def noise(values: Mapping[str, Any], rate: float) -> tuple[float, float, float]:
+    """Variances of attitude and bias, and the rate's white noise, as `Component.noise` says."""
+    return values["attitude_noise"] ** 2, 0.0, values["rate_noise"] / math.sqrt(rate)
+
+
 COMPONENT = Component(
     name="direct",
     parameters=(*_SIZES, SEED, FAULTS),
@@ -145,4 +151,5 @@ COMPONENT = Component(
     quiet=dict.fromkeys((each.name for each in _SIZES), 0.0),
     exact=is_exact,
     faults=lambda values: PARTS,
+    noise=noise,
 )
