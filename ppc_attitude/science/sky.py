@@ -105,6 +105,14 @@ def lit_fraction(r: Vector, sun: Vector) -> float:
     return 1.0 - hidden / (math.pi * a * a)
 
 
+@kernel
+def sun_from(r: Vector, days: float) -> tuple[Vector, float]:
+    """Unit vector to the Sun from r [m], and the part of its disc that Earth leaves free there."""
+    sun = scale(sun_distance(days) * ASTRONOMICAL_UNIT, sun_direction(days)[0])
+    towards = subtract(sun, r)
+    return scale(1.0 / norm(towards), towards), lit_fraction(r, sun)
+
+
 def earth_angle(days: float) -> float:
     """Greenwich mean sidereal time [rad], 0 to 2π: from the equinox of date to Greenwich.
 

@@ -56,14 +56,7 @@ from ppc_attitude.science.plates import (
     plates_torque,
 )
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TRUE_ATTITUDE
-from ppc_attitude.science.sky import (
-    ASTRONOMICAL_UNIT,
-    DAY,
-    EARTH_RATE,
-    lit_fraction,
-    sun_direction,
-    sun_distance,
-)
+from ppc_attitude.science.sky import DAY, EARTH_RATE, sun_distance, sun_from
 
 PRESSURE = 1361.0 / 299792458.0  # P of sunlight at 1 au [N/m²]
 _NEAREST_SUN = 0.983  # [au]
@@ -196,11 +189,9 @@ def step(inputs: Any, state: Any, craft: Any, outputs: Any) -> None:
     b = magnetic_field(r, inputs.t, craft.field)
     torque = add(torque, cross(vector(craft.dipole), to_body(b, q, q0)))
     days = craft.days + inputs.t / DAY
-    distance = sun_distance(days)  # [au]
-    sun = scale(distance * ASTRONOMICAL_UNIT, sun_direction(days)[0])
-    towards, lit = subtract(sun, r), lit_fraction(r, sun)
-    towards = scale(1.0 / norm(towards), towards)
+    towards, lit = sun_from(r, days)
     if craft.count:
+        distance = sun_distance(days)  # [au]
         pressure = PRESSURE / (distance * distance) * lit
         s = to_body(towards, q, q0)
         turning = cross((0.0, 0.0, EARTH_RATE), r)  # [m/s] of the air, which turns with Earth
