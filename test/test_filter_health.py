@@ -29,6 +29,8 @@ from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.verdict import NOT_JUDGED
 from ppc_attitude.contract.run_record import Change, RunRecord
+from ppc_attitude.science.estimators import mekf
+from ppc_attitude.science.kinds import ESTIMATORS
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import load
 
@@ -141,6 +143,17 @@ def test_refused_fixes_are_not_judged_without_the_mounting_of_the_tracker() -> N
     row = rows(record)["refused_fixes"]
     assert row.outcome == NOT_JUDGED
     assert row.reason == "no mounting (star_tracker.mounting of attitude_estimator) on record"
+
+
+def test_innovations_are_not_judged_by_the_gate_of_a_filter_that_did_not_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    other = replace(mekf.COMPONENT, name="other", parameters=())
+    monkeypatch.setitem(ESTIMATORS.components, "other", other)
+    values = {**correct().parameters["attitude_estimator"], "estimator": "other"}
+    found = rows(replace(correct(), parameters={"attitude_estimator": values}))
+    assert "knowledge_outside" in found
+    assert not {"nis", "refused_fixes"} & set(found)
 
 
 def test_innovations_are_not_judged_by_a_gate_that_was_changed() -> None:

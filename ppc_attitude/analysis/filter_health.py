@@ -33,6 +33,7 @@ from ppc_attitude.analysis.verdict import Requirement
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import ESTIMATOR, TRUE_ATTITUDE
 from ppc_attitude.science.attitude import conjugate, logarithm, product
+from ppc_attitude.science.kinds import ESTIMATORS
 from ppc_attitude.science.sensors.star_tracker import MOUNTING
 
 SETTLED = 10.0
@@ -40,7 +41,7 @@ SETTLED = 10.0
 OUTSIDE_LIMIT = 0.01
 """Share of the instants that an axis may be outside 3σ."""
 _MOST = 0.5  # share of the instants outside 6σ beyond which a filter is wrong
-_ESTIMATE, _FIX, _INNOVATION = "estimate", "star_fix", "innovation"
+_ESTIMATE, _FIX, _INNOVATION, _GATE = "estimate", "star_fix", "innovation", "gate"
 _ROUNDING = 1e-28  # [rad²] of the error of a fix that has no other
 ATTITUDE_VARIANCES, RATE_VARIANCES = [4, 7, 9], [13, 16, 18]
 """Where the variances lie among the numbers of an estimate."""
@@ -59,11 +60,10 @@ def judge_filter(run: Measured) -> Iterator[Requirement]:
     span = (min(max(SETTLED, run.begin), run.end), run.end)
     row = ("knowledge_outside", outside, OUTSIDE_LIMIT, "", why, span)
     yield run.row(*row, without=run.untold)
-    settings = record.parameters.get(ESTIMATOR, {})
-    gate = settings.get("gate")
+    settings, gate = record.parameters.get(ESTIMATOR, {}), gate_of(record)
     if gate is None or not has(record, _INNOVATION):
         return
-    changed = run.changed(ESTIMATOR, "gate", MOUNTING.name)
+    changed = run.changed(ESTIMATOR, _GATE, MOUNTING.name)
     told = np.flatnonzero(is_finite(record, _INNOVATION))
     nis = np.square(record[_INNOVATION][told]).sum(axis=1)
     used = nis <= gate
@@ -78,6 +78,18 @@ def judge_filter(run: Measured) -> Iterator[Requirement]:
         rows = told[~used].tolist()
         refused = float(sum(_is_good(record, settings, row) for row in rows))
     yield run.row("refused_fixes", refused, max(1.0, 1e-3 * float(told.size)), "", why)
+
+
+def gate_of(record: RunRecord) -> float | None:
+    """Squared innovation beyond which the filter refuses a fix; None if the record tells none.
+
+    Parameters of a node are on record for all estimators: those of another one mean nothing.
+    """
+    settings = record.parameters.get(ESTIMATOR, {})
+    ran = ESTIMATORS.selected(settings)
+    if _GATE not in settings or (ran is not None and _GATE not in ran.defaults):
+        return None
+    return float(settings[_GATE])
 
 
 def sigmas_of(record: RunRecord, variances: list[int]) -> Array:
@@ -117,4 +129,4 @@ def _is_good(record: RunRecord, settings: Any, row: int) -> bool:
     fix = record[_FIX][row]
     error = logarithm(product(conjugate(true), tuple(fix[:4])))
     variances = np.maximum(fix[4:7], _ROUNDING)
-    return bool(np.sum(np.square(error) / variances) <= settings["gate"])
+    return bool(np.sum(np.square(error) / variances) <= settings[_GATE])
