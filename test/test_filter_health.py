@@ -175,6 +175,8 @@ def test_the_figures_show_the_filters_errors_in_its_own_band() -> None:
     bias, low, high = (line.get_ydata()[-1] for line in figures["gyro_bias"][1].axes[2].lines[:3])
     assert bias == pytest.approx(np.degrees(record["gyro_bias"][-1, 2]))
     assert high - bias == pytest.approx(3.0 * np.degrees(record["gyro_bias_sigma"][-1, 2]))
+    alone = figures_of(Measured(without_columns(record, "gyro_bias_sigma")))
+    assert len(alone["gyro_bias"][1].axes) == 1
     top, bottom = figures["innovation"][1].axes
     told = np.isfinite(record["innovation"]).all(axis=1)
     drawn = np.asarray(bottom.lines[0].get_ydata())

@@ -271,7 +271,7 @@ def _drawings(record: RunRecord) -> Iterator[Drawing]:
     yield "gyro_bias", "Estimated bias of the gyro, with 3σ", bias_figure
     yield from guidance_drawings(record)
     drawn = {UNSATURATED_TORQUE.column, ATTITUDE.error, *(each.column for each in STANDARD)}
-    drawn |= {"innovation", "gyro_bias", "gyro_bias_sigma"}
+    drawn.add("gyro_bias_sigma")
     drawn |= {column for each in declared(record) for column in (each.error, each.bound)}
     if not has(record, REFERENCE_ATTITUDE.column):
         drawn.remove(truth_of(record).attitude)  # where there is no error to draw
@@ -295,6 +295,8 @@ def figures_of(run: Measured) -> Drawn:
     """
     drawn: Drawn = {}
     for name, caption, draw_figure in _drawings(run.record):
+        if name in drawn:
+            continue  # a column that has a figure of its own
         try:
             drawn[name] = caption, draw_figure(run)
         except AnalysisError:
