@@ -40,7 +40,7 @@ def test_a_run_settles_after_its_last_error_or_never_if_it_ends_with_one(
     zero = np.zeros_like(half)
     erring = with_error(run, np.stack([zero, np.sin(half), zero, np.cos(half)], axis=1))
     goal = Goal("settling")
-    found = goal.value(erring, load([PAPER]).controller)
+    found = goal.value(erring)
     assert found == pytest.approx(value, abs=1e-12)
     assert goal.text(found, 10.0).startswith("not settled at 10 s") == (10.0 in outside)
 
@@ -53,17 +53,17 @@ def test_only_a_time_is_compared_with_the_length_of_a_run() -> None:
 def test_a_bounded_column_that_is_no_attitude_error_is_what_the_law_saw() -> None:
     base = load(configs("paper", "guaranteed", "sensors_cubesat"))
     record = simulate(base, 10.0)
-    goal = goal_of("momentum_error", base.controller, 5e-3, 0.0)
+    goal = goal_of("momentum_error", base, 5e-3, 0.0)
     shares = np.abs(record["momentum_error"]) / record["momentum_tube"]
-    assert goal.value(record, base.controller) == shares.max()
+    assert goal.value(record) == shares.max()
     assert goal.limit == 1.0
 
 
 @pytest.mark.parametrize("name", ["speed", "torque_command"])
 def test_a_goal_that_is_no_column_with_a_bound_is_refused(name: str) -> None:
-    law = load([PAPER]).controller
+    base = load([PAPER])
     with pytest.raises(ConfigurationError, match=f"goal = {name}; allowed for ppc: settling"):
-        goal_of(name, law, 5e-3, 0.0)
+        goal_of(name, base, 5e-3, 0.0)
 
 
 @pytest.mark.filterwarnings("ignore:overflow encountered")
@@ -72,4 +72,4 @@ def test_a_run_that_diverges_is_worst_of_all(name: str) -> None:
     law = {"controller": "quaternion_feedback", "max_torque": 1e6}
     gains = {"quaternion_feedback.natural_frequency": 3.0}  # a sample lasts three times as long
     base = load([PAPER], {PLANT: {"rate": 1.0, "max_torque": 1e6}, CONTROLLER: law | gains})
-    assert Goal(name).value(simulate(base, 20.0), base.controller) == math.inf
+    assert Goal(name).value(simulate(base, 20.0)) == math.inf

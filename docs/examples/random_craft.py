@@ -189,7 +189,7 @@ def attacked(files: list[Path], folder: Path, seconds: float) -> tuple[dict[str,
     found, runs = {}, 0
     for name in ("turn", "momentum_error", "rate", "settling"):
         after = _AFTER.get(name, 0.0) * promise["time"]
-        goal = goal_of(name, base.controller, certificate["accuracy"], after)
+        goal = goal_of(name, base, certificate["accuracy"], after)
         limit = {"settling": promise["time"], "rate": math.degrees(assumed["Omega"])}
         search = Search(space, goal, folder / name, seed=1)
         with ThreadPoolExecutor(1) as thread:

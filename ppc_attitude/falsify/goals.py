@@ -14,21 +14,22 @@
 
 """The goals of the adversary: numbers that it makes as large as it can.
 
-Errors and rate are the true ones. Any other column that has a bound is what the law saw.
+Errors and rate are the true ones. Any other column that has a bound is as recorded.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from ppc_attitude.analysis.envelopes import bound_of
 from ppc_attitude.analysis.requirements import PAPER
 from ppc_attitude.analysis.truth import RECORDED, pointing_errors, truth_of
-from ppc_attitude.contract.declared import ATTITUDE_ERROR
+from ppc_attitude.contract.declared import ATTITUDE_ERROR, bounds_of, columns_of
 from ppc_attitude.contract.run_record import Array, RunRecord
-from ppc_attitude.science.component import Component
 from ppc_attitude.science.controllers.tube_state import TURN
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.stamps import nanoseconds
+from ppc_attitude.simulation.scenario import Scenario
 
 RATE = 3.0  # [deg/s] the paper's limit
 SETTLED = PAPER.settled.limit
@@ -62,7 +63,7 @@ class Goal:
             return f"not settled at {duration:g} s (error {value - duration:.3g})"
         return f"{value:.6g} {_UNITS.get(self.name, 'times its bound')}".rstrip()
 
-    def value(self, record: RunRecord, law: Component) -> float:
+    def value(self, record: RunRecord) -> float:
         """Value of a run, [s], [1], [deg/s] or by its bound; infinite if the run is not finite."""
         judged = record.t >= self.after
         if self.name == "settling":
@@ -74,9 +75,8 @@ class Goal:
             rates = record[truth_of(record).angular_velocity][judged]
             value = float(np.degrees(np.linalg.norm(rates, axis=1).max()))
         else:
-            column = next(each for each in law.outputs if each.name == self.name)
-            bound = record[column.bound][judged]
-            error = np.abs(_true(record, column.name)[judged][:, : bound.shape[1]])
+            bound = record[bound_of(record, self.name)][judged]
+            error = np.abs(_true(record, self.name)[judged][:, : bound.shape[1]])
             # There is no bound without an attitude.
             shares = np.divide(error, bound, out=np.zeros_like(error), where=bound != 0.0)
             value = float(shares.max())
@@ -104,18 +104,22 @@ def _true(record: RunRecord, name: str) -> Array:
     return np.where(told > np.pi, 2.0 * np.pi - angles, angles)  # in the law's way round
 
 
-def goal_of(name: str, law: Component, accuracy: float, after: float, rate: float = RATE) -> Goal:
+def goal_of(
+    name: str, scenario: Scenario, accuracy: float, after: float, rate: float = RATE
+) -> Goal:
     """Goal by its name; the rest as in `Goal`.
 
     Raises
     ------
     ConfigurationError
-        The law has no such column, or the column no bound.
+        No component of the scenario gives such a column, or the column has no bound.
     """
-    columns = {each.name for each in law.outputs}
-    bounded = [each.name for each in law.outputs if each.bound in columns]
+    nodes = scenario.parameters
+    given = {column.name for node in nodes for column in columns_of(node, nodes[node])}
+    law = scenario.controller.name
+    bounded = [each for each, bound in bounds_of(law, nodes) if {each, bound} <= given]
     if name not in (*_UNITS, *bounded):
         raise ConfigurationError(
-            f"goal = {name}; allowed for {law.name}: {', '.join((*_UNITS, *bounded))}"
+            f"goal = {name}; allowed for {law}: {', '.join((*_UNITS, *bounded))}"
         )
     return Goal(name, accuracy, after, rate)

@@ -198,4 +198,4 @@ class Search:
 def evaluated(space: Space, goal: Goal, x: Array) -> float:
     """Value of the goal for one choice."""
     scenario = space.scenario(x)
-    return goal.value(simulate(scenario, space.duration), scenario.controller)
+    return goal.value(simulate(scenario, space.duration))

@@ -190,7 +190,7 @@ def _goal_of(arguments: argparse.Namespace, scenario: Scenario) -> Goal:
     known = fastest in scenario.parameters[CONTROLLER]
     goal = goal_of(
         arguments.goal,
-        scenario.controller,
+        scenario,
         arguments.accuracy or SETTLED,
         after,
         math.degrees(scenario.number(CONTROLLER, fastest)) if known else RATE,
