@@ -135,7 +135,7 @@ def _read(
             f"parameters has {name}, which is no real number of a component that runs{hint}"
         )
     value, declared = base.parameters[node][parameter], numbers[parameter]
-    if place is None and isinstance(value, list) and value and abs(declared.length) == 4:
+    if place is None and isinstance(value, list) and value and declared.quaternion:
         places = tuple(range(len(value)))
         drawn_from: Number | Attitudes = attitudes(name, distribution)
         return Varied(name, node, parameter, places, declared.unit, drawn_from)
@@ -146,7 +146,7 @@ def _read(
         )
     if place is not None and not isinstance(value, list):
         raise ConfigurationError(f"parameters has {name}; {node}.{parameter} is a single number")
-    if place is not None and abs(declared.length) == 4:
+    if place is not None and declared.quaternion:
         raise ConfigurationError(
             f"parameters has {name}, one number of a quaternion; allowed: {node}.{parameter}, with "
             "a distribution of attitudes: so3, or cone with an angle"

@@ -65,6 +65,8 @@ class Parameter:
         Numbers must be strictly larger than this.
     switch : mapping of bool to str
         Choices that true and false stand for.
+    quaternion : bool
+        True if its numbers are one quaternion x y z w (of length 4) or several (of length −4).
     agreed : bool
         True if all nodes that use it must have the same value, because it describes what they
         exchange, or the craft itself.
@@ -81,6 +83,7 @@ class Parameter:
     read_only: bool = False
     above: float = -math.inf
     switch: Mapping[bool, str] = field(default_factory=dict)
+    quaternion: bool = False
     agreed: bool = False
 
     def __post_init__(self) -> None:
@@ -156,7 +159,8 @@ class Parameter:
         ConfigurationError
             The default is not allowed.
         ValueError
-            The name is no parameter name, or the description or the unit is no text.
+            The name is no parameter name, the description or the unit is no text, or a list of
+            quaternions may have any length.
         """
         texts = (self.name, self.description, self.unit)
         if not all(isinstance(each, str) for each in texts) or not _NAME.fullmatch(self.name):
@@ -165,6 +169,8 @@ class Parameter:
                 f"{self.unit!r}; allowed: a name of letters, digits and _, in groups with . "
                 "between them, and texts"
             )
+        if self.quaternion and abs(self.length) != 4:
+            raise ValueError(f"{self.name}: length = {self.length}; allowed for quaternions: 4, -4")
         self.checked(self.default)
 
     def checked(self, value: Any) -> Value:

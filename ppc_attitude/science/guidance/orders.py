@@ -55,6 +55,7 @@ GOAL_ATTITUDES = at_start(
     "attitude of each scheduled goal in its frame, x y z w each; normalised if within 1e-3; "
     "ignored for `hold` and `profile`",
     length=-4,
+    quaternion=True,
 )
 _POINT = 12
 GOAL_POINTS = at_start(

@@ -60,6 +60,7 @@ INITIAL_ATTITUDE = at_start(
     [0.1554, 0.4271, 0.4792, 0.7509],
     "attitude at t = 0, x y z w, body to inertial; normalised if within 1e-3",
     length=4,
+    quaternion=True,
 )
 INITIAL_RATE = at_start(
     "initial_angular_velocity",

@@ -53,6 +53,7 @@ INITIAL_ATTITUDE = at_start(
     [0.2, -0.5, -0.5, -0.6782],
     "desired attitude at t = 0, x y z w, desired frame to inertial; normalised if within 1e-3",
     length=4,
+    quaternion=True,
 )
 AMPLITUDE = Parameter(
     "amplitude",

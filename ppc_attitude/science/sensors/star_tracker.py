@@ -56,6 +56,7 @@ MOUNTING = Parameter(
     [0.0, 0.0, 0.0, 1.0],
     "attitude of the tracker in the body, x y z w, tracker to body; boresight z",
     length=4,
+    quaternion=True,
 )
 RATE = at_start(
     "star_tracker.rate",
