@@ -139,6 +139,9 @@ def test_parts_from_outside_go_all_the_way(tell: Tell, tmp_path: Path) -> None:
         "pushes",
     }
     assert all(each["largest"] == 0.0 for each in replayed["components"])
+    tell("export bag --csv table.csv")
+    with (tmp_path / "table.csv").open(encoding="utf-8") as table:
+        assert "ring_momentum_0,ring_momentum_1,ring_momentum_2" in table.readline()
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "share" in page
 
@@ -193,7 +196,7 @@ def test_a_law_is_judged_by_its_own_bounds(tell: Tell, tmp_path: Path) -> None:
     assert set(rows[1]) == {f"{which} error outside its envelope" for which in ("attitude", "rate")}
 
 
-def test_a_sweep_tells_the_envelopes_that_the_components_declare(
+def test_a_sweep_and_an_adversary_know_the_envelopes_that_the_components_declare(
     tell: Tell, tmp_path: Path
 ) -> None:
     """Also one of an estimator, whatever the law."""
@@ -204,6 +207,8 @@ def test_a_sweep_tells_the_envelopes_that_the_components_declare(
     (hit,) = tell(f"{given} --json").json["hits"]
     assert hit["time_outside_rate_envelope_s"] is None
     assert hit["time_outside_rate_limit_s"] > 0.0
+    told = tell(f"falsify {CONFIGS} --config own.yaml --duration 1 --goal speed", code=2).err
+    assert told.endswith("goal = speed; allowed for share: settling, terminal, rate, rate_change\n")
 
 
 def test_check_takes_no_inertia_of_a_plant_that_does_not_run(tell: Tell, tmp_path: Path) -> None:

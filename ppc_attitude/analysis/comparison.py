@@ -87,7 +87,8 @@ def error_comparison(runs: Sequence[Measured], labels: Sequence[str], envelope: 
         error = factor * np.abs(vectors(run.record, envelope.error))
         series.append((run.t, error, factor * vectors(run.record, bound)))
     widest = max(values.shape[1] for _, values, _ in series)
-    rows = [f"|{symbols(envelope.title)}|\n{axis} [{unit}]" for axis in AXES[:widest]]
+    names = (envelope.parts or AXES)[:widest]
+    rows = [f"|{symbols(envelope.title)}|\n{name} [{unit}]" for name in names]
     floor = min(log_floor(bound) for _, _, bound in series if bound is not None)
     return _side_by_side(runs, labels, series, rows, floor=floor)[0]
 

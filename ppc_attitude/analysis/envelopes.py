@@ -33,7 +33,7 @@ from ppc_attitude.contract.run_record import Array, RunRecord
 
 @dataclass(frozen=True)
 class Envelope:
-    """The columns of an error and of what bounds the magnitude of its first three numbers."""
+    """The columns of an error and of what bounds the magnitude of its first numbers."""
 
     error: str
     bound: str
@@ -47,6 +47,11 @@ class Envelope:
     def title(self) -> str:
         """The quantity of an axis."""
         return BY_COLUMN[self.error].meaning.partition(",")[0]
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """What the numbers of the error are of; empty if they are of axes."""
+        return BY_COLUMN[self.error].parts
 
     @property
     def unit(self) -> str:

@@ -46,6 +46,7 @@ from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import DEGREES
 from ppc_attitude.analysis.run_panels import (
     AXES,
+    COLOURS,
     accuracy_limits,
     components,
     draw_envelope,
@@ -184,7 +185,7 @@ def transformed_errors_figure(run: Measured) -> Figure:
         bound = vectors(run.record, envelope.bound)
         values = vectors(run.record, envelope.error)[:, : bound.shape[1]]
         values = np.divide(values, bound, out=np.full_like(bound, np.nan), where=bound != 0.0)
-        components(axes, run.t, values)
+        components(axes, run.t, values, envelope.parts)
         limit_lines(axes, 1.0, -1.0, label="envelope")
         label = f"{envelope.name} / envelope [1]"
         if np.nanmax(np.abs(values), initial=0.0) > 2.0:
@@ -239,8 +240,7 @@ def column_figure(run: Measured, column: str) -> Figure:
         points(axes, run.t, values)
     elif topic.form in JOINTS:
         last = max(np.flatnonzero(values.any(axis=0)), default=0)  # no part is behind it
-        names = [f"{JOINTS[topic.form].part} {k}" for k in range(last + 1)]
-        components(axes, run.t, values[:, : last + 1], names)
+        components(axes, run.t, values[:, : last + 1], topic.parts)
     else:
         components(axes, run.t, values)
     if column in run.required.limits:
@@ -315,16 +315,16 @@ def _in_envelope(run: Measured, envelope: Envelope, error: Array, bound: Array |
     scales = ("linear", "log", "log" if envelope.jumps else "linear")
     for axes, scale in zip(shown, scales, strict=False):
         magnitude = scale == "log"
-        components(axes, run.t, np.abs(error) if magnitude else error)
+        components(axes, run.t, np.abs(error) if magnitude else error, envelope.parts)
         if bound is not None:
-            colours = AXIS_COLOURS[: bound.shape[1]]
-            draw_envelope(axes, run.t, bound, colours, mirrored=not magnitude)
+            colours, names = COLOURS[: bound.shape[1]], envelope.parts or AXES
+            draw_envelope(axes, run.t, bound, colours, names, mirrored=not magnitude)
         title = symbols(envelope.title)
         axes.set_ylabel(f"|{title}| [{unit}]" if magnitude else f"{title} [{unit}]")
         if magnitude:
             seen = np.nanmax(np.abs(error), keepdims=True) if bound is None else bound
             log_axis(axes, log_floor(seen))
-    if not envelope.jumps and (bound is None or run.truth.standing != RECORDED):
+    if envelope == ATTITUDE and (bound is None or run.truth.standing != RECORDED):
         accuracy_limits(shown[1], run, "")
     finish(shown, run)
     if window is not None and not envelope.jumps:

@@ -101,7 +101,13 @@ def fit(axes: Axes, window: tuple[float, float], shown: Sequence[tuple[Array, Ar
 
 
 def draw_envelope(
-    axes: Axes, t: Array, envelope: Array, colours: Sequence[str], *, mirrored: bool
+    axes: Axes,
+    t: Array,
+    envelope: Array,
+    colours: Sequence[str],
+    names: Sequence[str] = AXES,
+    *,
+    mirrored: bool,
 ) -> None:
     """Draw envelopes, shape (n, k), dashed in the colours of their errors.
 
@@ -111,7 +117,7 @@ def draw_envelope(
     count = len(colours)
     for k, colour in enumerate(colours):
         dashes = (0.0, (1.0, 1.5)) if count == 1 else (3.0 * k, (3.0, 3.0 * (count - 1)))
-        name = f"_{ENVELOPE_LABEL} {AXES[k]}" if count > 1 else f"_{ENVELOPE_LABEL}"
+        name = f"_{ENVELOPE_LABEL} {names[k]}" if count > 1 else f"_{ENVELOPE_LABEL}"
         told: dict[str, Any] = {"colour": colour, "width": ENVELOPE_WIDTH, "style": dashes}
         draw(axes, t, envelope[:, k], label=name, **told)
         if mirrored:

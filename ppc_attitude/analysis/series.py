@@ -136,14 +136,15 @@ def samples(record: RunRecord, column: str) -> Array:
 
 
 def vectors(record: RunRecord, column: str) -> Array:
-    """Three-vectors of a column (of a quaternion: its vector part), shape (n, 3).
+    """Three-vectors of a column (of a quaternion: its vector part), shape (n, 3); of parts: all.
 
     Raises
     ------
     AnalysisError
         As of `samples`, whose rows they are.
     """
-    return samples(record, column)[:, :3]
+    found = samples(record, column)
+    return found if column in BY_COLUMN and BY_COLUMN[column].part else found[:, :3]
 
 
 def topic_of(column: str) -> str:

@@ -116,7 +116,8 @@ def _numbers(record: RunRecord) -> Iterator[tuple[str, Array]]:
     order = {name: place for place, name in enumerate(BY_COLUMN)}
     for name in sorted(record.columns, key=lambda each: order.get(each, len(order))):
         numbers = record[name].T
-        axes = _AXES if len(numbers) <= len(_AXES) else map(str, range(len(numbers)))
+        of_parts = name in BY_COLUMN and BY_COLUMN[name].part
+        axes = map(str, range(len(numbers))) if of_parts or len(numbers) > len(_AXES) else _AXES
         for axis, samples in zip(axes, numbers, strict=False):
             yield f"{name}_{axis}", samples
 

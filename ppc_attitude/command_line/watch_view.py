@@ -81,7 +81,8 @@ def _errors(snapshot: Snapshot) -> Table:
             factor, unit = _DEGREES, unit.replace("rad", "°")
         errors = _numbers(snapshot, topic, factor)
         envelopes = _numbers(snapshot, bound, factor)
-        for axis, error, envelope in zip(_AXES, errors, envelopes, strict=False):
+        axes = map(str, range(topic.width)) if topic.part else _AXES
+        for axis, error, envelope in zip(axes, errors, envelopes, strict=False):
             told = name if unit == "1" else f"{name} [{unit}]"
             if bound.width > 1:
                 told += f" {axis}"
@@ -158,7 +159,7 @@ def _numbers(snapshot: Snapshot, topic: Topic, factor: float = 1.0) -> Sequence[
     sample = snapshot.samples.get(topic.name)
     if sample is None:
         return (math.nan,) * len(_AXES)
-    return [factor * value for value in sample.values[: len(_AXES)]]
+    return [factor * value for value in sample.values]
 
 
 def _text(number: float) -> str:

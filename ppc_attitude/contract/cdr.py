@@ -29,7 +29,6 @@ import struct
 from collections.abc import Sequence
 from contextlib import suppress
 from operator import itemgetter
-from string import ascii_lowercase
 from typing import NamedTuple
 
 import numpy as np
@@ -46,7 +45,6 @@ from ppc_attitude.science.component import (
     QUATERNION,
     VECTOR,
     WRENCH,
-    Joints,
 )
 from ppc_attitude.science.stamps import NANOSECONDS
 
@@ -68,8 +66,8 @@ _LAYOUTS = {
     GYRO: "oooo" + _NONE + "abc" + "dooodoood" + _NO_ACCELERATION,
     FIX: "abcd" + "eooofooog" + "ooo" + _NONE + _NO_ACCELERATION,
     MOTION: "abcd" + "efgfhigij" + "klm" + "npqprsqst" + _NO_ACCELERATION,
-    **{form: ascii_lowercase.replace("o", "")[: joints.number] for form, joints in JOINTS.items()},
 }
+_OF_JOINTS = "abcdefghijklmnpq"
 _OURS = b"\x00\x01"  # little-endian
 _BYTE_ORDERS = {b"\x00\x00": ">", _OURS: "<"}
 _LITTLE_ENDIAN = _OURS + b"\x00\x00"
@@ -88,6 +86,14 @@ class Sample(NamedTuple):
     stamp_ns: int
     frame_id: str
     values: tuple[float, ...]
+
+
+class Joints(NamedTuple):
+    """What the numbers of a JointState are of: parts of one sort, such as wheels."""
+
+    part: str  # name of a part, to which the message appends _ and the part's index
+    number: int  # how many parts the message names
+    place: int  # list of the message with the numbers: 0 position, 1 velocity, 2 effort
 
 
 class Reader:
@@ -182,9 +188,11 @@ class Codec(Reader):
 
     def __init__(self, topic: Topic) -> None:
         self.topic = topic
-        layout = _LAYOUTS[topic.form]
+        joints = None
+        if topic.form in JOINTS:
+            joints = Joints(topic.part, topic.width, JOINTS.index(topic.form))
+        layout = _LAYOUTS.get(topic.form, _OF_JOINTS[: topic.width])
         letters = sorted(set(layout) - {"o", "-"})[: topic.width]
-        joints = JOINTS.get(topic.form)
         places = [layout.index(letter) for letter in letters]
         super().__init__(topic.msgtype, len(layout), places, joints=joints)
         # From the numbers of a sample, with 0 and −1 behind them, to those of the message; what a

@@ -50,7 +50,7 @@ from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TOLD, TRUTH
 _EVENTS = {topic.name.lstrip("/") for topic in (*EVENTS, RECORDED_TOPIC, MARKERS_TOPIC)}
 _OF_ALL = {*_EVENTS, "rosout"}
 """Topics that no column may have: in the root namespace a relative name equals an absolute one."""
-_COMMON = {each: each for each in ("form", "unit", "width", "late")}
+_COMMON = {each: each for each in ("form", "unit", "width", "part", "late")}
 _COMMON |= {"name": "topic", "frame_id": "frame"}
 """Attributes of a `Topic` that all declarations of a column share, and how `Column` calls them."""
 

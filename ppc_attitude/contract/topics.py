@@ -113,6 +113,8 @@ class Topic:
         How many numbers one sample has.
     form : str
         How they lie in the message (`science.component.Column`), where the type leaves a choice.
+    part : str
+        Name of a part, where there is a number for each part of a sort.
     late : bool
         True if it comes at some instants only, later than the stamp that it has.
     """
@@ -126,7 +128,13 @@ class Topic:
     meaning: str = ""
     width: int = 0
     form: str = ""
+    part: str = ""
     late: bool = False
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """What its numbers are of, such as ``wheel 0``; empty if they are of no parts."""
+        return tuple(f"{self.part} {k}" for k in range(self.width if self.part else 0))
 
 
 def topic_of(column: Column, source: str) -> Topic:
@@ -141,6 +149,7 @@ def topic_of(column: Column, source: str) -> Topic:
         meaning=column.meaning,
         width=column.width - column.late,  # without the age, which is no number of the message
         form=column.form,
+        part=column.part,
         late=column.late,
     )
 

@@ -27,7 +27,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,7 @@ INERTIAL, BODY, DESIRED, STAR_TRACKER = "inertial", "body", "desired", "star_tra
 QUATERNION, VECTOR, WRENCH = "quaternion", "vector", "wrench"
 POINT, MAGNETIC = "point", "magnetic"
 GYRO, FIX, MOTION = "gyro", "fix", "motion"
-WHEEL_SPEEDS, WHEEL_TORQUES, ON_TIMES = "wheel_speeds", "wheel_torques", "on_times"
+POSITIONS, VELOCITIES, EFFORTS = "positions", "velocities", "efforts"
 MAX_WHEELS, MAX_THRUSTERS = 8, 16
 UNIT_TOLERANCE = 1e-3
 """How far the norm of a quaternion may be from 1; it is normalised."""
@@ -57,20 +57,9 @@ def norm_of(a: Any) -> float:
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2] + a[3] * a[3])
 
 
-class Joints(NamedTuple):
-    """Parts of one sort, such as wheels: a number of each in a list of a sensor_msgs/JointState."""
-
-    part: str  # name of a part, to which its message appends _ and the part's index
-    number: int  # how many numbers the column has, however many parts the craft has
-    place: int  # list of the message: 0 position, 1 velocity, 2 effort
-
-
-JOINTS = {
-    WHEEL_SPEEDS: Joints("wheel", MAX_WHEELS, 1),
-    WHEEL_TORQUES: Joints("wheel", MAX_WHEELS, 2),
-    ON_TIMES: Joints("thruster", MAX_THRUSTERS, 2),
-}
-"""Forms of a column that has a number for each part of a sort."""
+JOINTS = (POSITIONS, VELOCITIES, EFFORTS)
+"""Forms of a column with a number for each part of a sort: a sensor_msgs/JointState's lists."""
+_MOST_JOINTS = 16
 _TOPIC = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 _LONGEST_TOPIC = 150  # DDS takes 247, with the namespace
 _WIDTHS = {
@@ -82,7 +71,7 @@ _WIDTHS = {
     GYRO: (4,),
     FIX: (7,),
     MOTION: (19,),
-    **{form: (joints.number,) for form, joints in JOINTS.items()},
+    **dict.fromkeys(JOINTS, tuple(range(1, _MOST_JOINTS + 1))),
 }
 
 
@@ -101,15 +90,16 @@ class Column:
         ``wrench`` (a torque), ``point`` (a position), ``magnetic`` (a field), ``gyro`` (a rate and
         the variance of each of its numbers), ``fix`` (x y z w and the variances about three axes),
         ``motion`` (x y z w, the upper triangle of its covariance, a rate, the upper triangle of its
-        covariance), or one of `JOINTS` (a number for each part of a sort).
+        covariance), ``positions``, ``velocities`` or ``efforts`` (the list of a JointState with a
+        number for each of up to 16 parts of a sort, such as wheels).
     frame : str
         Frame in which the numbers are expressed.
     unit : str
         Unit of the numbers; "1" where they have none.
     meaning : str
-        What the numbers are.
+        What the numbers are. Figures take what stands before its first comma as a short name.
     width : int
-        How many numbers; by default as many as the form has.
+        How many numbers; by default as many as the form can have.
     bound : str
         Name of the column that bounds the magnitude of its first numbers, where there is one.
     late : bool
@@ -119,6 +109,9 @@ class Column:
         ``star_tracker.rate``, ``star_tracker.latency`` and ``initial_fix``, which say when it
         arrives. Nodes wait for a message at each of these instants; a ``fix`` with a zero
         quaternion and −1 as its first variance says that there is no fix.
+    part : str
+        Of ``positions``, ``velocities`` and ``efforts``: name of a part, such as ``wheel``, to
+        which the message appends _ and the part's index.
     """
 
     name: str
@@ -130,6 +123,7 @@ class Column:
     width: int = 0
     bound: str = ""
     late: bool = False
+    part: str = ""
 
     def __post_init__(self) -> None:
         """Refuse what no record or no topic can have."""
@@ -156,6 +150,11 @@ class Column:
             raise ValueError(
                 f"column {self.name}: width = {self.width}; allowed for a {self.form}: "
                 f"{', '.join(map(str, _WIDTHS[self.form]))}"
+            )
+        if self.part.isidentifier() != (self.form in JOINTS):
+            raise ValueError(
+                f"column {self.name}: part = {self.part!r}; allowed: a name of letters, digits and "
+                f"_ with a form of {', '.join(JOINTS)}, and none with another form"
             )
 
     @property

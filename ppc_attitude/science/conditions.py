@@ -41,7 +41,7 @@ class Condition:
     relation : str
         ``>``, ``≥`` or ``≤``: how value and limit must compare.
     unit : str
-        Of both.
+        Of both; empty if they have none.
     necessary : bool
         False for one that may be violated.
     meaning : str

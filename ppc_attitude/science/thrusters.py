@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.science.component import BODY, MAX_THRUSTERS, ON_TIMES, VECTOR, Column
+from ppc_attitude.science.component import BODY, EFFORTS, MAX_THRUSTERS, VECTOR, Column
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import (
     ZERO,
@@ -116,10 +116,12 @@ THRUSTERS = record_type(
 ON_TIME = Column(
     "thruster_on_time",
     "thrusters/on_time",
-    ON_TIMES,
+    EFFORTS,
     BODY,
     "s",
     "commanded on-time of each thruster in the period of the stamp, from its start",
+    width=MAX_THRUSTERS,
+    part="thruster",
 )
 FUEL_USED = Column(
     "fuel_used",

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.science.allocation import certain_torque, largest_torque
-from ppc_attitude.science.component import BODY, MAX_WHEELS, WHEEL_SPEEDS, WHEEL_TORQUES, Column
+from ppc_attitude.science.component import BODY, EFFORTS, MAX_WHEELS, VELOCITIES, Column
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.faults import OF_A_TORQUE, Failure, How
 from ppc_attitude.science.kernel import ZERO, Vector, add, kernel, scale, vector
@@ -100,12 +100,16 @@ WHEELS = record_type(
 SPEED = Column(
     "wheel_speed",
     "wheels/speed",
-    WHEEL_SPEEDS,
+    VELOCITIES,
     BODY,
     "rad/s",
     "speed of each wheel relative to the body",
+    width=MAX_WHEELS,
+    part="wheel",
 )
-_motor_torque = partial(Column, form=WHEEL_TORQUES, frame=BODY, unit="N·m")
+_motor_torque = partial(
+    Column, form=EFFORTS, frame=BODY, unit="N·m", width=MAX_WHEELS, part="wheel"
+)
 TORQUE = _motor_torque(
     "wheel_torque", "wheels/torque", meaning="motor torque of each wheel, from the stamp on"
 )

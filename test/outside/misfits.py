@@ -158,11 +158,14 @@ MADE: dict[str, Callable[[], Component]] = {
     "no_default": lambda: with_parameters(LAW, Parameter("z", None, "x")),  # type: ignore[arg-type]
     "beyond": lambda: with_parameters(LAW, Parameter("z", 3, "x", high=1)),
     "vast": lambda: with_parameters(LAW, Parameter("z", 2**70, "x")),
+    "long_turn": lambda: with_parameters(LAW, Parameter("z", [0.0], "x", quaternion=True)),
     "unnamed_number": lambda: with_parameters(LAW, Parameter("", 3, "x")),
     "undescribed": lambda: with_parameters(LAW, Parameter("z", 3, None)),  # type: ignore[arg-type]
     "far": lambda: with_column(LAW, topic="m" * 151),
     "cubic": lambda: with_column(LAW, form="cube"),
     "of_four": lambda: with_column(LAW, form="vector", width=4),
+    "of_no_part": lambda: with_column(LAW, form="efforts", width=4),
+    "of_part": lambda: replace(LAW, outputs=(replace(LAW.outputs[-1], part="wheel"),)),
     "giver": lambda: with_column(LAW, name="asked", topic="asked"),
     "reader": lambda: replace(PLANT, inputs=(*PLANT.inputs, ASKED)),
     "of_objects": lambda: replace(LAW, state=np.dtype([("z", object)])),

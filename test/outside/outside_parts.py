@@ -32,7 +32,15 @@ from ppc_attitude.science.attitude import (
     product,
     unit_quaternion,
 )
-from ppc_attitude.science.component import BODY, INERTIAL, QUATERNION, VECTOR, Column, Component
+from ppc_attitude.science.component import (
+    BODY,
+    EFFORTS,
+    INERTIAL,
+    QUATERNION,
+    VECTOR,
+    Column,
+    Component,
+)
 from ppc_attitude.science.conditions import advisable
 from ppc_attitude.science.controllers.common import INERTIA, MAX_TORQUE
 from ppc_attitude.science.controllers.interface import INPUTS, OUTPUTS, error_state, store_command
@@ -68,7 +76,14 @@ _seconds = kernel(seconds)
 
 # Plant: J ω' = τ − ω × (J ω + h) − d, h' = d, d = c (J_r ω − h): total momentum is conserved.
 RING_MOMENTUM = Column(
-    "ring_momentum", "ring/momentum", VECTOR, BODY, "N·m·s", "momentum of the fluid rings"
+    "ring_momentum",
+    "ring/momentum",
+    EFFORTS,
+    BODY,
+    "N·m·s",
+    "momentum of each fluid ring",
+    width=3,
+    part="ring",
 )
 RING = Parameter("ring.damping", 0.05, "how fast the rings follow the body", "1/s", low=0.0)
 _RING_INERTIA = 1e-3  # [kg·m²]
