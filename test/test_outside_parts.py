@@ -259,6 +259,19 @@ def test_each_run_of_a_campaign_has_noise_of_its_own_and_is_judged_by_its_laws_b
     assert first != second == alone["max_rate_deg_s"]
 
 
+def test_a_campaign_draws_one_of_four_numbers_and_a_quaternion_as_such(
+    tell: Tell, tmp_path: Path
+) -> None:
+    """Every list of four was taken for a quaternion."""
+    pushes, turn = f"{INJECTOR}.push.torques[2]", "reference_generator.turn.initial_attitude"
+    given = {pushes: 0.01, turn: {"distribution": "cone", "angle": 0.1}}
+    (tmp_path / "varied.yaml").write_text(json.dumps({"campaign": {"parameters": given}}))
+    campaign = f"campaign {CONFIGS} --campaign varied.yaml --duration 1 --only 0 --json"
+    drawn = tell(campaign).json["drawn"]
+    assert drawn[pushes] == 0.01
+    assert math.hypot(*(drawn[f"{turn}[{k}]"] for k in range(4))) == pytest.approx(1.0)
+
+
 def test_a_law_that_reads_neither_attitude_nor_rate_flies(tell: Tell) -> None:
     given = f"{PAPER} --controller blind"
     assert tell(f"simulate {given} --duration 0.1 --json").json["controller"] == "blind"

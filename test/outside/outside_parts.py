@@ -59,7 +59,7 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
-from ppc_attitude.science.parameter import Parameter
+from ppc_attitude.science.parameter import Parameter, filled, record_type
 from ppc_attitude.science.plants import rigid_body
 from ppc_attitude.science.signals import (
     APPLIED_TORQUE,
@@ -207,7 +207,11 @@ ESTIMATOR = Component(
 # Reference: a steady turn about one axis.
 TURN = Parameter("turn.rate", 0.005, "rate of the turn about z", "rad/s", low=-0.01, high=0.01)
 START = Parameter(
-    "turn.initial_attitude", [0.0, 0.0, 0.0, 1.0], "attitude at t = 0, x y z w", length=4
+    "turn.initial_attitude",
+    [0.0, 0.0, 0.0, 1.0],
+    "attitude at t = 0, x y z w",
+    length=4,
+    quaternion=True,
 )
 TURNED = Column(
     "turned", "turn/turned", VECTOR, BODY, "rad", "angle some time ago", width=2, late=True
@@ -288,25 +292,29 @@ LAW = Component(
 )
 
 
-# Environment: a push for 30 ms of every half second.
-PUSH = Parameter("push.torque", 0.012, "torque about x", "N·m", low=0.0, high=0.02)
+# Environment: a push for 30 ms of every half second, by four thrusters in turn.
+PUSH = Parameter(
+    "push.torques", [0.012] * 4, "torque of each about x", "N·m", low=0.0, high=0.02, length=4
+)
+PUSHES = record_type(PUSH)
 
 
 @kernel
-def step_environment(inputs: Any, state: Any, torque: Any, outputs: Any) -> None:
+def step_environment(inputs: Any, state: Any, given: Any, outputs: Any) -> None:
     """Push, or not."""
-    pushes = inputs.stamp_ns % 500_000_000 < 30_000_000
-    store(outputs.environment_torque, (torque.x if pushes else 0.0, 0.0, 0.0))
+    turn, since = divmod(inputs.stamp_ns, 500_000_000)
+    push = given.torques[turn % 4] if since < 30_000_000 else 0.0
+    store(outputs.environment_torque, (push, 0.0, 0.0))
 
 
 ENVIRONMENT = Component(
     name="pushes",
     parameters=(PUSH,),
-    configure=lambda values: np.array((values["push.torque"],), [("x", np.float64)])[()],
-    configuration=np.dtype([("x", np.float64)]),
+    configure=lambda values: filled(PUSHES, values, "push."),
+    configuration=PUSHES,
     outputs=(ENVIRONMENT_TORQUE,),
     step=step_environment,
-    bound=lambda values: float(values["push.torque"]),
+    bound=lambda values: max(values["push.torques"]),
 )
 
 
