@@ -233,8 +233,8 @@ def _of_actuator(scenario: Scenario, environment: float, task: Task) -> Iterator
             scenario.number(CONTROLLER, MAX_TORQUE.name),
             task.actuator_torque,
             "N·m",
-            "the actuator without faults gives the torque limit of the law on all axes at once, "
-            "against its magnetorquers too; friction and gyroscopic torque of wheels take a little",
+            "the actuator without faults gives the torque limit of the law on all axes at once; "
+            "friction and gyroscopic torque may take a little of it",
         )
 
 
