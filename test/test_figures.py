@@ -31,7 +31,7 @@ from synthetic import (
 )
 
 from ppc_attitude.analysis.drawing import BLACK, save_all
-from ppc_attitude.analysis.envelopes import ENVELOPES
+from ppc_attitude.analysis.envelopes import ENVELOPES, Envelope
 from ppc_attitude.analysis.figures import (
     angular_velocity_figure,
     applied_torque_figure,
@@ -369,3 +369,13 @@ def test_global_state_is_left_alone(normal):
 def test_where_no_applied_torque_is_on_record_the_commanded_one_is_drawn(normal, drawn):
     assert "torque_command" not in drawn[0]
     assert "torque_command" in figures_of(Measured(without_columns(normal, "applied_torque")))
+
+
+def test_each_part_with_a_bound_is_drawn_by_its_name(normal):
+    """Only the first three were, as x, y and z."""
+    row = np.ones((normal.t.size, 8))
+    run = Measured(with_columns(normal, wheel_speed=row, wheel_torque=2.0 * row))
+    figure = error_figure(run, Envelope("wheel_speed", "wheel_torque"))
+    told = {text.get_text() for text in figure.axes[0].get_legend().get_texts()}
+    assert told == {*(f"wheel {k}" for k in range(8)), "envelope"}
+    assert not any("settled" in name for axes in figure.axes for name in labelled(axes))
