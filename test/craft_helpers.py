@@ -67,9 +67,10 @@ def conditions(
     scenario: Scenario,
     required: Requirements = PAPER,
     error: Quaternion = (0.0, 0.0, 0.0, 1.0),
+    environment: float = 0.0,
 ) -> dict[str, Condition]:
-    """What `check` says of a craft without an environment, by name; q_e at the start, x y z w."""
-    return {each.name: each for each in conditions_of(scenario, required, error, 0.0)}
+    """What `check` says of a craft, by name; q_e at the start, x y z w; environment [N·m]."""
+    return {each.name: each for each in conditions_of(scenario, required, error, environment)}
 
 
 @cache

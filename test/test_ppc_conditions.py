@@ -44,6 +44,7 @@ TASK = Task(
     slews_from=None,
     actuator_torque=0.05,
     torque=0.05,
+    environment=0.0,
     attitude_sigma=0.0,
     rate_sigma=0.0,
     rate_limit=3.0,

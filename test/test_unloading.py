@@ -28,6 +28,7 @@ from scipy.spatial.transform import Rotation
 
 from ppc_attitude.contract.topics import ALLOCATOR, PLANT, REFERENCE
 from ppc_attitude.science.attitude import to_body
+from ppc_attitude.science.environments.paper import ENVIRONMENT_BOUND
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.geomagnetic import ORBIT_FIELD, magnetic_field
 from ppc_attitude.science.kinds import ACTUATORS, ALLOCATORS, PLANTS
@@ -269,6 +270,15 @@ def test_a_dipole_that_is_held_too_long_is_warned_of(gain: float, grows: bool) -
         assert conditions(each)["unloading in a period"].holds != grows
     off = craft.with_values(PLANT, **{"magnetorquers.law": "off"})
     assert "unloading in a period" not in conditions(off)
+
+
+def test_an_environment_beyond_what_magnetorquers_take_up_is_warned_of() -> None:
+    """The paper's torque is of one sign for hours; the wheels are full after minutes."""
+    for names, torque, enough in ((["orbit"], 5.4e-5, True), ([], ENVIRONMENT_BOUND, False)):
+        craft = case("wheels", "unloading", *names)
+        assert conditions(craft, environment=torque)["unloading torque"].holds == enough
+        speeds = np.abs(simulate(craft, 400.0)["wheel_speed"])
+        assert bool(speeds.max() < 0.99 * 628.3) == enough
 
 
 def test_a_deadband_beyond_what_a_wheel_holds_is_warned_of() -> None:

@@ -143,12 +143,14 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
         whole += rotate(attitude, vector(acts + lasts / NANOSECONDS @ hits["torque"]))
     full = times[np.array(shares) > RESERVE]
     passed = f"; a wheel exceeds the limit from {full[0]:.4g} s on" if full.size else ""
-    source = " without unloading" if unloaded else " of the environment's torque and of pulses"
+    source, also = " of the environment's torque and of pulses", ""
+    if unloaded:
+        source, also = " of pulses", ", and its magnetorquers take up the environment's torque"
     yield advisable(
         "speed of a wheel",
         max(shares),
         RESERVE,
         "",
         f"largest share of its speed limit that a wheel reaches in {end:g} s{source}, if the craft "
-        f"follows its reference{passed}",
+        f"follows its reference{also}{passed}",
     )

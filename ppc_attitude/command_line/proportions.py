@@ -75,8 +75,8 @@ def conditions_of(
     ConfigurationError
         The parameters of a component are infeasible.
     """
-    task, (_, most) = _task(scenario, required, q_e), actuator_torques(scenario)
-    yield from _of_actuator(scenario, environment, task)
+    task, (_, most) = _task(scenario, required, q_e, environment), actuator_torques(scenario)
+    yield from _of_actuator(scenario, task)
     yield from _of_envelopes(scenario, task)
     for node, values in scenario.parameters.items():
         for component in components_of(node, values):
@@ -86,7 +86,7 @@ def conditions_of(
     yield from _of_pulses(scenario, required, task)
 
 
-def _task(scenario: Scenario, required: Requirements, q_e: Quaternion) -> Task:
+def _task(scenario: Scenario, required: Requirements, q_e: Quaternion, environment: float) -> Task:
     """The craft, and what is asked of it."""
     reference = scenario.parameters[REFERENCE]
     sigmas, (most, _) = _sigmas(scenario), actuator_torques(scenario)
@@ -100,6 +100,7 @@ def _task(scenario: Scenario, required: Requirements, q_e: Quaternion) -> Task:
         slews_from=min(times, default=math.inf) if slews else None,
         actuator_torque=most,
         torque=min(scenario.number(CONTROLLER, MAX_TORQUE.name), most),
+        environment=environment,
         attitude_sigma=sigmas.attitude,
         rate_sigma=sigmas.rate,
         rate_limit=required.rate,
@@ -221,11 +222,11 @@ def _of_envelopes(scenario: Scenario, task: Task) -> Iterator[Condition]:
             yield Condition(name, law[end], _PULSES * change, "≥", unit, False, meaning)
 
 
-def _of_actuator(scenario: Scenario, environment: float, task: Task) -> Iterator[Condition]:
-    """Compare what the actuator gives with the environment [N·m], and with the law's limit."""
+def _of_actuator(scenario: Scenario, task: Task) -> Iterator[Condition]:
+    """Compare what the actuator gives with the environment, and with the law's limit."""
     meaning = "the torque of the actuator without faults, on every axis, exceeds the largest norm "
     meaning += "of the environment's torque"
-    yield Condition("torque authority", task.torque, environment, ">", "N·m", False, meaning)
+    yield Condition("torque authority", task.torque, task.environment, ">", "N·m", False, meaning)
     actuator = ACTUATORS.selected(scenario.parameters[PLANT])
     if actuator is not None and actuator.torque is not None:
         yield advisable(

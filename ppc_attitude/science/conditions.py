@@ -113,6 +113,8 @@ class Task:
         tell, the limit of what the law may ask for.
     torque : float
         The lesser of `actuator_torque` and what the law may ask for [N·m].
+    environment : float
+        Largest norm of the environment's torque [N·m], as far as it is known.
     attitude_sigma, rate_sigma : float
         σ of the noise in q_ev [1], and in z2 [rad/s] of a law with `k`, `M_omega` and `beta` of
         `ppc`, on the worst axis; 0 if nobody knows it.
@@ -133,6 +135,7 @@ class Task:
     slews_from: float | None
     actuator_torque: float
     torque: float
+    environment: float
     attitude_sigma: float
     rate_sigma: float
     rate_limit: float | None

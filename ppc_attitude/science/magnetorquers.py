@@ -192,6 +192,10 @@ def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
             meaning = "momentum from which on it is removed, against what a wheel holds, and what "
             meaning += "the craft has at star_tracker.max_rate"
         yield advisable("unloading deadband", values[DEADBAND.name], held, "N·m·s", meaning)
+        meaning = "largest torque of the environment, against the largest that the magnetorquers "
+        meaning += "give about an axis: what they cannot take up stays in the wheels"
+        most = torque_of_rods(values)
+        yield advisable("unloading torque", task.environment, most, "N·m", meaning)
     if values[LAW.name] == B_DOT and rigid_body.INITIAL_RATE.name in task.craft:
         omega = np.array(task.craft[rigid_body.INITIAL_RATE.name])
         turn = float(np.linalg.norm(omega)) * values[PERIOD.name]
