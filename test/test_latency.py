@@ -71,9 +71,8 @@ def test_what_comes_while_a_probe_joins_is_not_measured(graph: list[float]) -> N
 
 
 def test_a_stack_of_ones_own_is_measured_from_its_first_state_on(graph: list[float]) -> None:
-    assert measure(lambda first: graph[0] < 1.9, now=lambda: graph[0]).answered[0] == pytest.approx(
-        TRIP - JOINED
-    )
+    result = measure(lambda first: graph[0] < 1.9, now=lambda: graph[0])
+    assert result.answered[0] == pytest.approx(TRIP - JOINED)
 
 
 @pytest.mark.parametrize("states", [0, 1])

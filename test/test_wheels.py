@@ -365,8 +365,8 @@ def test_magnetorquers_take_up_what_the_environment_adds_and_no_tumble() -> None
     (full,) = speed_of_a_wheel(fast)
     assert not full.holds
     assert full.meaning.endswith(
-        "of pulses, if the craft follows its reference, and its magnetorquers take up the "
-        "environment's torque; a wheel exceeds the limit from 0 s on"
+        "s, if the craft follows its reference and magnetorquers take up the environment's torque; "
+        "a wheel exceeds the limit from 0 s on"
     )
     speeds = simulate(fast, 60.0)["wheel_speed"]
     assert np.abs(speeds).max() > 0.99 * 628.3

@@ -40,7 +40,7 @@ from ppc_attitude.analysis.drawing import (
     panels,
 )
 from ppc_attitude.analysis.envelopes import ATTITUDE, Envelope, declared, envelopes_of
-from ppc_attitude.analysis.filter_health import ATTITUDE_VARIANCES, gate_of, sigmas_of
+from ppc_attitude.analysis.filter_health import ATTITUDE_VARIANCES, GATE, gate_of, sigmas_of
 from ppc_attitude.analysis.guidance_figures import Drawing, guidance_drawings
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import DEGREES
@@ -220,7 +220,7 @@ def innovation_figure(run: Measured) -> Figure:
     limit_lines(top, BAND, -BAND, label="3σ")
     dots(bottom, run.t, np.square(values).sum(axis=1), label="NIS", colour=BLACK)
     gate = gate_of(run.record)
-    if gate is not None and not run.changed(ESTIMATOR, "gate"):
+    if gate is not None and not run.changed(ESTIMATOR, GATE):
         limit_lines(bottom, gate, label=f"gate {gate:g}")
     bottom.set_yscale("log")
     top.set_ylabel("innovation / σ [1]")

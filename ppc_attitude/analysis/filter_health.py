@@ -41,7 +41,9 @@ SETTLED = 10.0
 OUTSIDE_LIMIT = 0.01
 """Share of the instants that an axis may be outside 3σ."""
 _MOST = 0.5  # share of the instants outside 6σ beyond which a filter is wrong
-_ESTIMATE, _FIX, _INNOVATION, _GATE = "estimate", "star_fix", "innovation", "gate"
+_ESTIMATE, _FIX, _INNOVATION = "estimate", "star_fix", "innovation"
+GATE = "gate"
+"""Parameter of a filter: squared innovation beyond which it refuses a fix."""
 _ROUNDING = 1e-28  # [rad²] of the error of a fix that has no other
 ATTITUDE_VARIANCES, RATE_VARIANCES = [4, 7, 9], [13, 16, 18]
 """Where the variances lie among the numbers of an estimate."""
@@ -63,7 +65,7 @@ def judge_filter(run: Measured) -> Iterator[Requirement]:
     settings, gate = record.parameters.get(ESTIMATOR, {}), gate_of(record)
     if gate is None or not has(record, _INNOVATION):
         return
-    changed = run.changed(ESTIMATOR, _GATE, MOUNTING.name)
+    changed = run.changed(ESTIMATOR, GATE, MOUNTING.name)
     told = np.flatnonzero(is_finite(record, _INNOVATION))
     nis = np.square(record[_INNOVATION][told]).sum(axis=1)
     used = nis <= gate
@@ -81,15 +83,15 @@ def judge_filter(run: Measured) -> Iterator[Requirement]:
 
 
 def gate_of(record: RunRecord) -> float | None:
-    """Squared innovation beyond which the filter refuses a fix; None if the record tells none.
+    """Gate of the filter that ran (`GATE`); None if the record tells none.
 
     Parameters of a node are on record for all estimators: those of another one mean nothing.
     """
     settings = record.parameters.get(ESTIMATOR, {})
     ran = ESTIMATORS.selected(settings)
-    if _GATE not in settings or (ran is not None and _GATE not in ran.defaults):
+    if GATE not in settings or (ran is not None and GATE not in ran.defaults):
         return None
-    return float(settings[_GATE])
+    return float(settings[GATE])
 
 
 def sigmas_of(record: RunRecord, variances: list[int]) -> Array:
@@ -129,4 +131,4 @@ def _is_good(record: RunRecord, settings: Any, row: int) -> bool:
     fix = record[_FIX][row]
     error = logarithm(product(conjugate(true), tuple(fix[:4])))
     variances = np.maximum(fix[4:7], _ROUNDING)
-    return bool(np.sum(np.square(error) / variances) <= settings[_GATE])
+    return bool(np.sum(np.square(error) / variances) <= settings[GATE])

@@ -116,9 +116,8 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
     start = quaternion(normalised(tuple(plant[INITIAL_ATTITUDE.name])))
     # Momentum of craft and wheels [N·m·s]: in inertial axes only external torques change it.
     omega = np.array(plant[INITIAL_RATE.name])
-    if (
-        law == magnetorquers.B_DOT and MAX_RATE.name in given
-    ):  # the wheels rest until the tracker has a fix
+    # With B-dot the wheels rest until the tracker has a fix.
+    if law == magnetorquers.B_DOT and MAX_RATE.name in given:
         omega *= min(1.0, given[MAX_RATE.name] / (np.linalg.norm(omega) or 1.0))
     whole = inertia @ omega + wheels.momentum(craft, speeds)
     whole = np.array(rotate(start, vector(whole)))
@@ -145,7 +144,7 @@ def wheel_conditions(scenario: Scenario, reference: Part, environment: Part) -> 
     passed = f"; a wheel exceeds the limit from {full[0]:.4g} s on" if full.size else ""
     source, also = " of the environment's torque and of pulses", ""
     if unloaded:
-        source, also = " of pulses", ", and its magnetorquers take up the environment's torque"
+        source, also = "", " and magnetorquers take up the environment's torque"
     yield advisable(
         "speed of a wheel",
         max(shares),

@@ -29,6 +29,7 @@ import struct
 from collections.abc import Sequence
 from contextlib import suppress
 from operator import itemgetter
+from string import ascii_lowercase
 from typing import NamedTuple
 
 import numpy as np
@@ -67,7 +68,7 @@ _LAYOUTS = {
     FIX: "abcd" + "eooofooog" + "ooo" + _NONE + _NO_ACCELERATION,
     MOTION: "abcd" + "efgfhigij" + "klm" + "npqprsqst" + _NO_ACCELERATION,
 }
-_OF_JOINTS = "abcdefghijklmnpq"
+_OF_JOINTS = ascii_lowercase.replace("o", "")  # as many of them as there are parts
 _OURS = b"\x00\x01"  # little-endian
 _BYTE_ORDERS = {b"\x00\x00": ">", _OURS: "<"}
 _LITTLE_ENDIAN = _OURS + b"\x00\x00"

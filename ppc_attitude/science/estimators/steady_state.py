@@ -202,6 +202,11 @@ def settled_knowledge(estimator: Mapping[str, Any], rate: float) -> tuple[float,
 
     A published estimate is oldest just before a fix arrives: latency and interval after it was
     updated.
+
+    Raises
+    ------
+    ConfigurationError
+        The tracker's rate does not divide the steps'.
     """
     every, delay = slots(rate, estimator)
     white, walk = _gyro_noise(estimator, rate)
