@@ -320,14 +320,14 @@ def test_goto_prints_the_answer_that_is_its_own(
         followed = answer(GOAL, pilot.seen())
         refused = answer((2.0, 0.0, 0.0, 0.0), pilot.seen())
         late = answer((0.0, 0.0, 0.6, 0.8), pilot.seen(), at=1.0)
-        early = answer((0.0, 0.6, 0.0, 0.8), pilot.seen(), at=1e4)
+        early = answer((0.0, 0.6, 0.0, 0.8), pilot.seen(), at=1e6)
     sender.destroy_node()
     assert followed.followed
     assert followed.text.startswith("order 3 is followed: inertial frame")
     assert not refused.followed
     assert "refused goal_pose: attitude of a goal = [2.0" in refused.text
     assert "is followed: inertial frame" in late.text  # its time has passed: it acts at once
-    assert early == Answer("goal_pose acts from t = 10000.000000 s on", followed=True)
+    assert early == Answer("goal_pose acts from t = 1000000.000000 s on", followed=True)
 
 
 def test_a_goal_that_is_asked_for_again_before_it_acts_is_one(pilot: Pilot) -> None:
