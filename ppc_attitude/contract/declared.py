@@ -77,27 +77,28 @@ def _unbounded(
     declared: Mapping[str, Topic],
     bounded: Mapping[str, str],
 ) -> str:
-    """Say which column of a component has no possible bound; empty if all have.
+    """Say which column of a component cannot bound what it names; empty if all can.
 
     `bounded` has the column that each bound of other components bounds: a bound has one such
     column, because the margin that a node tells has the name of the bound.
     """
     known = {**declared, **{each.column: each for each in topics}}
-    bounds = [column.bound for column in component.outputs]
+    named = [column.bounds for column in component.outputs]
     for column in component.outputs:
-        bound = known.get(column.bound)
-        if column.bound and (
-            bound is None
-            or column.bound == column.name
-            or bounds.count(column.bound) > 1
-            or bounded.get(column.bound, column.name) != column.name
-            or (bound.unit, bound.late) != (column.unit, False)
-            or bound.width > column.width
+        error = known.get(column.bounds)
+        if column.bounds and (
+            error is None
+            or column.bounds == column.name
+            or named.count(column.bounds) > 1
+            or bounded.get(column.name, column.bounds) != column.bounds
+            or (error.unit, False) != (column.unit, column.late)
+            or error.width < column.width
         ):
             return (
-                f"its column {column.name} has bound = {column.bound!r}; allowed: another column, "
-                f"with unit = {column.unit!r} and at most {column.width} numbers, which is not "
-                "late and bounds nothing else"
+                f"its column {column.name} has bounds = {column.bounds!r}; allowed: another "
+                f"column, with unit = {column.unit!r} and at least {column.width} numbers, which "
+                "no other of the component bounds; a late column bounds none, and one of several "
+                "components bounds the same in all"
             )
     return ""
 
@@ -118,7 +119,7 @@ def _merged() -> dict[str, Topic]:
         else:
             for topic in given:
                 found.setdefault(topic.column, topic)
-            bounded.update({each.bound: each.name for each in component.outputs if each.bound})
+            bounded.update({each.name: each.bounds for each in component.outputs if each.bounds})
     for kind, component in components:  # a second pass, as a plant may read what the law gives
         read = [topic_of(column, "") for column in component.inputs if column.name in found]
         if problem := _problem(read, found):
@@ -139,10 +140,10 @@ RATE_ENVELOPE = BY_COLUMN["rate_envelope"]
 UNSATURATED_TORQUE = BY_COLUMN["unsaturated_torque"]
 BOUNDS = tuple(
     dict.fromkeys(
-        (column.name, column.bound)
+        (column.bounds, column.name)
         for _, component in ours_first(KINDS)
         for column in component.outputs
-        if column.bound
+        if column.bounds
     )
 )
 """Each column that some component bounds, with the column that bounds it."""
@@ -169,10 +170,10 @@ def bounds_of(controller: str, parameters: NodeParameters) -> tuple[tuple[str, s
 
 @cache
 def _bounds_of(components: tuple[Component, ...]) -> tuple[tuple[str, str], ...]:
-    own = {column.name: column.bound for each in components for column in each.outputs}
+    own = {column.name: column.bounds for each in components for column in each.outputs}
     found: dict[str, str] = {}
     for name, bound in BOUNDS:
-        if own.get(name, bound) == bound:
+        if name not in own or own.get(bound) == name:
             found.setdefault(name, bound)
     return tuple(found.items())
 

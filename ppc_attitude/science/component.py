@@ -100,8 +100,8 @@ class Column:
         What the numbers are. Figures take what stands before its first comma as a short name.
     width : int
         How many numbers; by default as many as the form can have.
-    bound : str
-        Name of the column that bounds the magnitude of its first numbers, where there is one.
+    bounds : str
+        Name of the column of whose first numbers it bounds the magnitude, where there is one.
     late : bool
         True if it arrives at some instants only and was measured at an earlier one. Then it has one
         number more, its age [s], as the last; its message has the stamp of the measurement; a row
@@ -121,7 +121,7 @@ class Column:
     unit: str
     meaning: str
     width: int = 0
-    bound: str = ""
+    bounds: str = ""
     late: bool = False
     part: str = ""
 

@@ -345,15 +345,15 @@ class Part:
         return f"gave {told}" if told else ""
 
     def normalised_errors(self) -> dict[str, float]:
-        """Largest |column|/bound by name of the bound, for every column that has one here.
+        """Largest |column|/bound by name of the bound, for every bound of a column that is here.
 
         Above 1 the column is outside its bound.
         """
         told, found = self.outputs[0], {}
         for each in self.component.outputs:
-            if each.bound in self.places and np.all(told[each.bound] > 0.0):
-                bound = told[each.bound]
-                found[each.bound] = float(np.max(np.abs(told[each.name][: bound.size]) / bound))
+            bound = told[each.name]
+            if each.bounds in self.places and np.all(bound > 0.0):
+                found[each.name] = float(np.max(np.abs(told[each.bounds][: bound.size]) / bound))
         return found
 
 

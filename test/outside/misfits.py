@@ -53,11 +53,10 @@ def with_parameters(part: Component, *parameters: Parameter) -> Component:
     return replace(part, parameters=(*part.parameters, *parameters))
 
 
-MARGIN = Column("margin", "mine/margin", VECTOR, BODY, "1", "bound of the error", width=1)
-WITH_MARGIN = tuple(
-    replace(each, bound="margin") if each.name == "attitude_error" else each
-    for each in (*LAW.outputs, MARGIN, ATTITUDE_ENVELOPE)
+MARGIN = Column(
+    "margin", "mine/margin", VECTOR, BODY, "1", "bound", width=1, bounds="attitude_error"
 )
+WITH_MARGIN = (*LAW.outputs, MARGIN, replace(ATTITUDE_ENVELOPE, bounds=""))
 
 
 @kernel
@@ -114,11 +113,10 @@ def step_table(inputs: Any, state: Any, configuration: Any, outputs: Any) -> Non
         raise ValueError("beyond my table")
 
 
-RATE_LIMIT = Column("rate_limit", "mine/rate_limit", VECTOR, BODY, "rad/s", "limit", width=1)
-BOUNDED = tuple(
-    replace(each, bound="rate_limit") if each.name == "rate_change" else each
-    for each in (*outside_parts.ESTIMATOR.outputs, RATE_LIMIT)
+RATE_LIMIT = Column(
+    "rate_limit", "mine/rate_limit", VECTOR, BODY, "rad/s", "limit", width=1, bounds="rate_change"
 )
+BOUNDED = (*outside_parts.ESTIMATOR.outputs, RATE_LIMIT)
 
 
 @kernel
@@ -136,14 +134,19 @@ MADE: dict[str, Callable[[], Component]] = {
     "second": lambda: with_column(SENSORS, name="pair", topic="pair", unit="m"),
     "illegal": lambda: with_column(LAW, topic="bad topic!"),
     "absolute": lambda: with_column(LAW, topic="/mine"),
-    "boundless": lambda: with_column(LAW, bound="attitude_envelop"),
-    "of_itself": lambda: with_column(LAW, bound="mine"),
-    "of_unit": lambda: with_column(LAW, bound="unsaturated_torque"),
+    "boundless": lambda: with_column(LAW, bounds="attitude_eror"),
+    "of_itself": lambda: with_column(LAW, bounds="mine"),
+    "of_unit": lambda: with_column(LAW, bounds="unsaturated_torque"),
     "of_two": lambda: with_column(
-        with_column(LAW, bound="torque_use"), name="other", topic="other", bound="torque_use"
+        with_column(LAW, bounds="attitude_error"),
+        name="other",
+        topic="other",
+        bounds="attitude_error",
     ),
-    "of_another": lambda: with_column(LAW, unit="N·m·s", bound="momentum_tube"),
-    "of_width": lambda: with_column(LAW, bound="attitude"),
+    "of_another": lambda: replace(
+        LAW, outputs=(*LAW.outputs, replace(ATTITUDE_ENVELOPE, bounds="attitude"))
+    ),
+    "of_width": lambda: with_column(LAW, bounds="torque_use"),
     "nameless": lambda: with_column(LAW, name=""),
     "twice": lambda: replace(LAW, outputs=(*LAW.outputs, LAW.outputs[-1])),
     "of_node": lambda: with_parameters(LAW, Parameter("wait_for_recorder", 3, "x")),

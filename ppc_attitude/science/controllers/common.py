@@ -99,9 +99,16 @@ def of_law(name: str, form: str, frame: str, unit: str, meaning: str, **options:
 
 
 ATTITUDE_ENVELOPE = of_law(
-    "attitude_envelope", VECTOR, BODY, "1", "envelope ρ_q of the attitude error"
+    "attitude_envelope",
+    VECTOR,
+    BODY,
+    "1",
+    "envelope ρ_q of the attitude error",
+    bounds="attitude_error",
 )
-RATE_ENVELOPE = of_law("rate_envelope", VECTOR, BODY, "rad/s", "envelope ρ_ω of the rate error")
+RATE_ENVELOPE = of_law(
+    "rate_envelope", VECTOR, BODY, "rad/s", "envelope ρ_ω of the rate error", bounds="rate_error"
+)
 
 
 def envelopes_of(law: Component) -> tuple[str, ...]:

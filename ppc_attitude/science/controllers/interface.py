@@ -34,15 +34,8 @@ from ppc_attitude.science.kernel import (
 )
 from ppc_attitude.science.signals import DESIRED_MOTION, TOLD, TORQUE_COMMAND
 
-ATTITUDE_ERROR = of_law(
-    "attitude_error",
-    QUATERNION,
-    DESIRED,
-    "1",
-    "attitude error q_e, x y z w",
-    bound="attitude_envelope",
-)
-RATE_ERROR = of_law("rate_error", VECTOR, BODY, "rad/s", "rate error z2", bound="rate_envelope")
+ATTITUDE_ERROR = of_law("attitude_error", QUATERNION, DESIRED, "1", "attitude error q_e, x y z w")
+RATE_ERROR = of_law("rate_error", VECTOR, BODY, "rad/s", "rate error z2")
 UNSATURATED_TORQUE = of_law("unsaturated_torque", WRENCH, BODY, "N·m", "torque u before saturation")
 INPUTS = (*TOLD, *DESIRED_MOTION)
 """Columns that every law of ours reads."""

@@ -66,22 +66,19 @@ MEMORY = record_type(
     ("told_at", np.float64),  # [s]
     ("certified", np.float64),  # as in the configuration at the last event
 )
-MOMENTUM_ERROR = of_law(
-    "momentum_error", VECTOR, BODY, "N·m·s", "momentum error y = J (ω_e − v)", bound="momentum_tube"
-)
+MOMENTUM_ERROR = of_law("momentum_error", VECTOR, BODY, "N·m·s", "momentum error y = J (ω_e − v)")
 MOMENTUM_TUBE = of_law(
-    "momentum_tube", VECTOR, BODY, "N·m·s", "tube Y + N of the momentum error as the law sees it"
-)
-TURN = of_law(
-    "turn",
+    "momentum_tube",
     VECTOR,
     BODY,
-    "rad",
-    "remaining angle φ, in the chosen way round",
-    width=1,
-    bound="turn_envelope",
+    "N·m·s",
+    "tube Y + N of the momentum error as the law sees it",
+    bounds="momentum_error",
 )
-TURN_ENVELOPE = of_law("turn_envelope", VECTOR, BODY, "rad", "envelope Φ of φ", width=1)
+TURN = of_law("turn", VECTOR, BODY, "rad", "remaining angle φ, in the chosen way round", width=1)
+TURN_ENVELOPE = of_law(
+    "turn_envelope", VECTOR, BODY, "rad", "envelope Φ of φ", width=1, bounds="turn"
+)
 PHASE = of_law(
     "phase",
     VECTOR,
