@@ -20,16 +20,6 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = "ppc_attitude"
-NODES = (
-    "spacecraft_plant",
-    "reference_generator",
-    "attitude_estimator",
-    "ppc_controller",
-    "wheel_allocator",
-    "disturbance_injector",
-    "bag_recorder",
-    "attitude_markers",
-)
 SHARED_FOLDERS = ("config", "launch")
 
 
@@ -40,6 +30,12 @@ def version() -> str:
     if match is None:
         raise RuntimeError(f"{NAME}/__init__.py does not state __version__")
     return match[1]
+
+
+def nodes() -> list[str]:
+    """Return the names of the executables: every file of the nodes that runs by itself."""
+    files = sorted(Path(NAME, "nodes").glob("*.py"))
+    return [path.stem for path in files if "__main__" in path.read_text(encoding="utf-8")]
 
 
 def shared_files() -> list[tuple[str, list[str]]]:
@@ -128,7 +124,7 @@ setup(
     },
     entry_points={
         "console_scripts": [
-            *(f"{node} = {NAME}.nodes.executables:{node}" for node in NODES),
+            *(f"{node} = {NAME}.nodes.executables:{node}" for node in nodes()),
             f"{NAME} = {NAME}.command_line.main:run",
         ],
     },

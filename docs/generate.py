@@ -20,6 +20,7 @@ python docs/generate.py
 """
 
 import argparse
+import ast
 import json
 import re
 import runpy
@@ -51,6 +52,16 @@ PAGES = (
 )
 _DOCSTRING = '"""'
 _PART = re.compile(r"(<!-- generated: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def nodes() -> str:
+    """The table of nodes, by the first line of each one's file, which names it first."""
+    rows = ["| node | does |", "|---|---|"]
+    for node in PARAMETERS:
+        file = ROOT / "ppc_attitude" / "nodes" / f"{node}.py"
+        line = str(ast.get_docstring(ast.parse(file.read_text(encoding="utf-8")))).splitlines()[0]
+        rows.append(f"| `{node}` | {line.partition(': ')[2].rstrip('.')} |")
+    return "\n".join(rows)
 
 
 def topics() -> str:
@@ -176,7 +187,8 @@ def listing(name: str) -> str:
     return f"```python\n{text[text.index(_DOCSTRING) :]}```"
 
 
-_TABLES = {each.__name__: each for each in (topics, commands, launch, kinds, parameters, bench)}
+_MADE = (nodes, topics, commands, launch, kinds, parameters, bench)
+_TABLES = {each.__name__: each for each in _MADE}
 
 
 def generated(text: str) -> str:

@@ -22,16 +22,13 @@ from collections import UserDict
 from functools import cache
 
 from ppc_attitude.contract.topics import (
-    ALLOCATOR,
-    CONTROLLER,
     DISTURBANCE,
-    ESTIMATOR,
     HOSTED,
     INJECTOR,
     MARKERS,
     PLANT,
     RECORDER,
-    REFERENCE,
+    SOURCES,
     TORQUE_COMMAND,
 )
 from ppc_attitude.science.kinds import ours_first
@@ -130,12 +127,9 @@ _MARKERS = (
 )
 
 OWN: dict[str, tuple[Parameter, ...]] = {
+    **dict.fromkeys(SOURCES, (WAIT_FOR_RECORDER,)),
     PLANT: _PLANT,
-    REFERENCE: (WAIT_FOR_RECORDER,),
-    CONTROLLER: (WAIT_FOR_RECORDER,),
-    ALLOCATOR: (WAIT_FOR_RECORDER,),
     INJECTOR: _INJECTOR,
-    ESTIMATOR: (WAIT_FOR_RECORDER,),
     RECORDER: _RECORDER,
     MARKERS: _MARKERS,
 }

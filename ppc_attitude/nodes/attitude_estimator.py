@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The estimator: attitude, rate and gyro bias from what the sensors measure."""
+"""The estimator: estimates attitude, rate and gyro bias from gyro and star tracker.
+
+A run has it only with `sensors: true`.
+"""
 
 import sys
 from collections.abc import Sequence

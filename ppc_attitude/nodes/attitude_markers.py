@@ -12,9 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The picture of a run for RViz and Foxglove: craft, frames, torques, and where guidance aims.
+"""The drawing node: draws craft, torques and goals for RViz and Foxglove, and sends TF.
 
-Of guidance it draws what `guidance/status` says, so it does the same for a bag that is played.
+It needs `tf2_ros` for TF. Of guidance it draws what `guidance/status` says, so it does the same for
+a bag that is played.
 """
 
 import sys

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The disturbance injector: environment torque, scheduled pulses, and injected torques."""
+"""The disturbance injector: adds up environment torque, scheduled pulses and injected torques."""
 
 import sys
 from collections.abc import Mapping

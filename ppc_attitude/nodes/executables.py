@@ -37,7 +37,7 @@ def _run(node: str) -> int:
 
 
 def __getattr__(node: str) -> Callable[[], int]:
-    """Return the function that runs a node of this name; `setup.py` lists the names."""
+    """Return the function that runs a node of this name; `setup.py` tells the names."""
     if node.startswith("_"):
         raise AttributeError(node)
     return partial(_run, node)

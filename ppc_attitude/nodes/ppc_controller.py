@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The controller: computes the torque from each new state and the reference of its instant."""
+"""The controller: computes the torque of every state; parameter `controller` selects the law."""
 
 import sys
 from collections.abc import Mapping

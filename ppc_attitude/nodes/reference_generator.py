@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The reference generator: the desired motion of every instant."""
+"""The reference generator: publishes the desired attitude, rate and acceleration."""
 
 import sys
 from collections.abc import Mapping

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The plant: moves the craft, publishes its state, and owns simulated time."""
+"""The plant: integrates craft and actuators, publishes the state, and owns simulated time."""
 
 import sys
 from collections.abc import Callable, Mapping

@@ -12,9 +12,9 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The wheel allocator: from the commanded torque to the torque of each wheel, in a node of its own.
+"""The wheel allocator: shares the torque among the wheels, and may unload them.
 
-A run has it only if an allocator is selected; then the craft's actuators take what it sends.
+A run has it only with an `allocator`; then the craft's actuators take what it sends.
 """
 
 import sys
