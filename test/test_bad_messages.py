@@ -74,10 +74,10 @@ from ppc_attitude.simulation.scenario import load
 file, mode, *names = sys.argv[1:]
 scenario = load([file]).with_values(PLANT, lockstep=mode == "lockstep", real_time_factor=1.0)
 warm_up(scenario)
-stack._pass_on = lambda line: print(line, file=sys.stderr, flush=True)
 stop = threading.Event()
 signal.signal(signal.SIGINT, lambda number, frame: stop.set())
-nodes = stack.Stack(scenario, lambda simulated: None, names, os.environ)
+say = lambda line: print(line, file=sys.stderr, flush=True)
+nodes = stack.Stack(scenario, lambda simulated: None, names, os.environ, say)
 nodes.start()
 nodes.wait(stop)
 nodes.stop()

@@ -19,7 +19,7 @@ import resource
 import signal
 import subprocess
 import sys
-import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from threading import Event, Thread, current_thread, main_thread
@@ -43,12 +43,11 @@ from process_helpers import (
 )
 
 from ppc_attitude.bags.reader import read_run
-from ppc_attitude.command_line import stack
 from ppc_attitude.command_line.commands import simulate
 from ppc_attitude.command_line.options import REPORT
 from ppc_attitude.command_line.stack import Stack, StackError
 from ppc_attitude.contract.topics import CONTROLLER, NODES, PLANT, RECORDER
-from ppc_attitude.processes.telling import AT, BROKEN, FINISHED, LINGERS, TIME, WAITING
+from ppc_attitude.processes.telling import AT, BROKEN, FINISHED, LINGERS
 from ppc_attitude.simulation.scenario import load
 
 long = pytest.mark.long
@@ -306,77 +305,29 @@ def test_a_run_leaves_nothing_but_its_bag(
     assert record.missing_messages == 0 or name == "SIGKILL"
 
 
-def test_a_run_whose_nodes_wait_for_the_processor_is_not_given_up(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """On a busy machine the start of five processes has no end; nobody's fault."""
-    run = stalled(monkeypatch, after=0.0)
-    monkeypatch.setattr(stack, "starved", lambda pid: 3600.0)
-    run._look_for_stall()
-
-
-def test_a_run_whose_node_computes_for_ever_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    run = stalled(monkeypatch, after=0.5)
-    give_up = time.monotonic() + PATIENCE
-    with pytest.raises(StackError, match=r"no step for 0\.5 s: waiting for x"):
-        # This process stands for the node, and works all the time.
-        while time.monotonic() < give_up:
-            run._look_for_stall()
-
-
-def test_a_run_whose_plant_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It says nothing, and nobody waits for it, be it amid a step or at its end."""
-    run = stalled(monkeypatch, after=0.5)
-    monkeypatch.setattr(stack, "starved", lambda pid: 3600.0)  # all of it before the last step
-    plant: Any = run._nodes[PLANT]
-    # As the plant is listened to: with patience, so that this process does not work all the time.
-    plant.listen, plant.process.poll = lambda patience=0.0: time.sleep(patience), lambda: None
-    plant.told.clear()
-    give_up = time.monotonic() + PATIENCE
-    slow = time.monotonic() + 1.0
-    while time.monotonic() < slow:  # one that is slow tells again what it has told
-        plant.told[TIME] = 7.0
-        assert run.goes_on(Event(), 0.01)
-    with pytest.raises(StackError, match=r"no step for 0\.5 s: spacecraft_plant neither goes on"):
-        while time.monotonic() < give_up:
-            run.goes_on(Event(), 0.01)
-
-
-def test_a_plant_that_somebody_else_asks_to_end_has_not_finished(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_plant_that_somebody_else_asks_to_end_has_not_finished() -> None:
     """It ends with 0, as one that has; the run would be taken for complete."""
-    run = stalled(monkeypatch, after=PATIENCE)
-    plant: Any = run._nodes[PLANT]
-    plant.listen, plant.process.poll = lambda patience=0.0: None, lambda: 0
-    plant.process.returncode = 0
+    run = Stack(load([]), lambda simulated: None, [], {})
+    ended = SimpleNamespace(pid=os.getpid(), poll=lambda: 0, returncode=0)
+    told = dict[str, Any]()
+    plant: Any = SimpleNamespace(process=ended, told=told, listen=lambda patience=0.0: None)
+    run.nodes[PLANT] = plant
     why = f"{PLANT} ended with exit code 0: somebody else asked it to end"
     with pytest.raises(StackError, match=why):
         run.goes_on(Event())
-    plant.told[FINISHED] = True
+    told[FINISHED] = True
     assert not run.goes_on(Event())
-    plant.process.poll = lambda: None
+    ended.poll = lambda: None
     assert run.goes_on(Event())
-    plant.told[LINGERS] = True  # for others than those of the run
+    told[LINGERS] = True  # for others than those of the run
     assert not run.goes_on(Event())
-
-
-def stalled(monkeypatch: pytest.MonkeyPatch, after: float) -> Stack:
-    """Build a run without a step, whose plant is this very process."""
-    monkeypatch.setattr(stack, "_STALLED_AFTER", after)
-    run = Stack(load([]), lambda simulated: None, [], {})
-    ours = SimpleNamespace(pid=os.getpid())
-    plant: Any = SimpleNamespace(process=ours, told={WAITING: "waiting for x"})
-    run._nodes[PLANT] = plant
-    run._starved = run._starvation()
-    return run
 
 
 @pytest.mark.ros
 def test_of_several_nodes_that_broke_the_first_is_named() -> None:
-    wrong = "/**:\n  ros__parameters: {no_such: 1}\n"
-    run = Stack(load([]), lambda simulated: None, [CONTROLLER, RECORDER], os.environ)
-    run._parameters = wrong
+    values = load([]).parameters
+    wrong = replace(load([]), parameters={name: {**values[name], "no_such": 1} for name in values})
+    run = Stack(wrong, lambda simulated: None, [CONTROLLER, RECORDER], os.environ)
     run.start()
     until(lambda: None not in run.exit_codes().values(), "the end of both")
     with pytest.raises(StackError) as error:

@@ -72,6 +72,7 @@ FLOORS: dict[str, tuple[set[str], set[str]]] = {
             "bags",
             "nodes",
             "processes",
+            "runtime",
         },
         {"argcomplete", "distributed", "launch", "launch_ros", "numpy", "rich", "tqdm", "yaml"}
         | ROS,

@@ -41,7 +41,6 @@ from ppc_attitude.contract.topics import (
     APPLIED_TORQUE,
     ATTITUDE,
     CONTROLLER,
-    ENABLED,
     INJECTOR,
     PLANT,
     REFERENCE,
@@ -140,19 +139,6 @@ def test_a_plant_that_waits_for_nobody_or_finds_every_command_late_is_refused(
 def test_a_command_may_be_a_step_old_at_every_rate() -> None:
     with living(SpacecraftPlant, "rate:=30.0", f"command_timeout:={1.0 / 30.0}"):
         pass
-
-
-def test_a_controller_that_is_switched_off_twice_within_a_step_tells_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    told: list[Any] = []
-    with living(PpcController) as node:
-        monkeypatch.setattr(node, "tell_changes", lambda *given: told.append(given))
-        for _ in range(2):
-            node._on_enable(SetBool.Request(data=False), None)
-        for stamp_ns in (7, 8):
-            node.compute(stamp_ns, {topic.column: values for topic, values in INSTANT.items()})
-    assert told == [(7, {ENABLED: False})]
 
 
 def test_what_is_taken_off_for_a_disturbance_is_no_saturation() -> None:

@@ -25,8 +25,8 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
     TRUE_ATTITUDE,
 )
-from ppc_attitude.runtime.recording import Recording
-from ppc_attitude.science.stamps import stamp_of
+from ppc_attitude.runtime.recording import Drain, Recording
+from ppc_attitude.science.stamps import NANOSECONDS, stamp_of
 
 STATE, TORQUE, AHEAD = ATTITUDE.name, TORQUE_COMMAND.name, DISTURBANCE.name
 TRUTH = TRUE_ATTITUDE.name
@@ -322,3 +322,20 @@ def test_progress_is_told_now_and_then_and_to_a_plant_that_repeats_its_state() -
         bag.take(name, 1999)
         assert bag.recording.progress() == progress
         assert bag.recording.progress() is None
+
+
+def test_a_record_ends_when_nothing_has_come_for_a_while() -> None:
+    drain = Drain(10.0, wall_ns=0)
+    assert drain.goes_on(10.29, heard=9.0)
+    assert not drain.goes_on(10.31, heard=9.0)
+    assert drain.goes_on(10.79, heard=10.5)
+    assert not drain.runs_on(10.79, sent_ns=NANOSECONDS), "it may have been on its way"
+    assert not drain.goes_on(10.81, heard=10.5)
+
+
+def test_a_record_of_a_stack_that_runs_on_ends_all_the_same() -> None:
+    drain = Drain(10.0, wall_ns=5 * NANOSECONDS)
+    assert drain.runs_on(11.1, sent_ns=6 * NANOSECONDS + 1)
+    assert not drain.runs_on(11.2, sent_ns=7 * NANOSECONDS), "that is told once"
+    assert drain.goes_on(11.39, heard=11.39)
+    assert not drain.goes_on(11.41, heard=11.41)

@@ -35,10 +35,10 @@ from ppc_attitude.nodes.discovery import DOMAIN, MIDDLEWARE, RANGE, check_discov
 from ppc_attitude.processes.child import Child, starved
 from ppc_attitude.processes.exits import BAD_INPUT
 from ppc_attitude.processes.telling import AT, BROKEN, FINISHED, LINGERS, TIME, WAITING
+from ppc_attitude.runtime.stall import Stall
 from ppc_attitude.simulation.scenario import Scenario
 
 _PATIENCE = 20.0  # [s] of the processor's time for a process to end after it was asked to
-_STALLED_AFTER = 30.0  # [s] without a step after which lock-step is given up
 _EVENT = re.compile(r"(\x1b\[\d*m)*\[(INFO|DEBUG)\]")  # how ROS begins such a line
 _NO_MIDDLEWARE = 102  # with which rcl ends the process that loads it, before our first line runs
 _GLANCE = 0.02  # [s] between two looks at the processes
@@ -87,11 +87,17 @@ def private_environment(domain: str = "") -> dict[str, str]:
     return environment
 
 
+def pass_on(line: str) -> None:
+    """Show the user warnings, errors and tracebacks; events are for the log and ``/rosout``."""
+    if not _EVENT.match(line):
+        print(line, file=sys.stderr, flush=True)
+
+
 class Stack:
     """The processes of one run: by default all that the scenario needs, in `private_environment`.
 
     The kernels of the scenario should be warm. `on_time` is called with simulated time [s] as the
-    plant advances.
+    plant advances, and `on_line` with each line that a process prints.
     """
 
     def __init__(
@@ -100,16 +106,16 @@ class Stack:
         on_time: Callable[[float], None],
         nodes: Iterable[str] | None = None,
         environment: Mapping[str, str] | None = None,
+        on_line: Callable[[str], None] = pass_on,
     ) -> None:
         self.environment = private_environment() if environment is None else environment
         chosen = set(nodes_of(scenario.parameters) if nodes is None else nodes)
         self._names = [name for name in OF_A_RUN if name in chosen]
         self._parameters = parameter_file(scenario)
-        self._on_time = on_time
-        self._nodes: dict[str, Child] = {}
+        self._on_time, self._on_line = on_time, on_line
+        self.nodes: dict[str, Child] = {}
         self._time: float | None = None
-        self._advanced = self._heard = time.monotonic()  # the plant went on, and told anything
-        self._starved: dict[str, float] = {}  # [s] of waiting for the processor until then
+        self._stall = Stall(time.monotonic())
 
     @property
     def has_begun(self) -> bool:
@@ -129,12 +135,12 @@ class Stack:
             if "ROS_LOG_DIR" not in self.environment:
                 options.append("--disable-external-lib-logs")
             for name in self._names:
-                self._nodes[name] = Child(
+                self.nodes[name] = Child(
                     f"ppc_attitude.nodes.{name}",
                     *options,
                     environment=self.environment,
                     inherited=[file.fileno()],
-                    hear=_pass_on,
+                    hear=self._on_line,
                     copy=True,
                 )
 
@@ -159,49 +165,36 @@ class Stack:
         StackError
             As `wait`.
         """
-        plant = self._nodes[PLANT]
+        plant = self.nodes[PLANT]
         plant.listen(patience)
         ended = {name: code for name, code in self.exit_codes().items() if code is not None}
         self.told()  # afterwards, so that all that a process told before its end is heard
         now: float | None = plant.told.pop(TIME, None)
         if now is not None:
-            self._heard = time.monotonic()
+            self._stall.hear(time.monotonic())
         if now is not None and now != self._time:
-            self._time, self._advanced = now, self._heard
-            self._starved = self._starvation()
-            for node in self._nodes.values():
+            self._time = now
+            self._stall.advance(time.monotonic(), self._starvation())
+            for node in self.nodes.values():
                 node.told.pop(WAITING, None)
             self._on_time(now)
         done = ended.get(PLANT, 0 if LINGERS in plant.told else None) == 0
         finished = done and FINISHED in plant.told
         if broken := [name for name in ended if not (name == PLANT and finished)]:
             raise self._broken(broken)
-        self._look_for_stall()
+        if why := self._stall.reason(time.monotonic(), self._starvation, self._hindrances):
+            raise StackError(why)
         return not (finished or stop.is_set())
 
     def _starvation(self) -> dict[str, float]:
-        return {name: starved(node.process.pid) for name, node in self._nodes.items()}
+        return {name: starved(node.process.pid) for name, node in self.nodes.items()}
 
-    def _look_for_stall(self) -> None:
-        """Give up if nothing happens, not counting time in which a node waited for the processor.
-
-        Time in which a node uses the processor counts: one that computes for ever never answers.
-        """
-        silent = time.monotonic() - self._advanced
-        if silent < _STALLED_AFTER:
-            return
-        waits = [now - self._starved.get(name, 0.0) for name, now in self._starvation().items()]
-        lost = max(waits)
-        if silent - lost < _STALLED_AFTER:
-            return
-        paused = [name for name, node in self._nodes.items() if _is_paused(node.process.pid)]
-        reason = ", ".join(f"{name} is paused (SIGSTOP)" for name in paused)
-        waits_for = [node.told.get(WAITING) for node in self._nodes.values()]
-        reason = reason or "; ".join(dict.fromkeys(each for each in waits_for if each))
-        if self.has_begun and time.monotonic() - self._heard - lost >= _STALLED_AFTER:
-            reason = reason or f"{PLANT} neither goes on nor ends"
-        if reason:
-            raise StackError(f"no step for {_STALLED_AFTER:g} s: {reason}")
+    def _hindrances(self) -> list[str]:
+        """Nodes that somebody has paused; if there are none, what each node waits for."""
+        paused = [name for name, node in self.nodes.items() if _is_paused(node.process.pid)]
+        if paused:
+            return [f"{name} is paused (SIGSTOP)" for name in paused]
+        return [node.told.get(WAITING, "") for node in self.nodes.values()]
 
     def stop(self) -> None:
         """Ask every process to end, the recorder last; kill what does not.
@@ -213,9 +206,9 @@ class Stack:
         """
         hanging = []
         try:
-            broken = any(node.process.poll() for node in self._nodes.values())
+            broken = any(node.process.poll() for node in self.nodes.values())
             for names in _STOP_BROKEN if broken else _STOP_ORDER:
-                nodes = {name: self._nodes[name] for name in names if name in self._nodes}
+                nodes = {name: self.nodes[name] for name in names if name in self.nodes}
                 for node in nodes.values():
                     node.process.send_signal(signal.SIGINT)
                 for name, node in nodes.items():
@@ -224,7 +217,7 @@ class Stack:
                         node.says_where()
                         node.kill()
             # A node that lingers ends when the recorder has gone, which got all that was sent.
-            for name, node in self._nodes.items():
+            for name, node in self.nodes.items():
                 if not node.ends(_PATIENCE):
                     hanging.append(name)
         finally:
@@ -239,27 +232,27 @@ class Stack:
 
     def kill(self) -> None:
         """Kill whatever still runs; nothing of the stack survives its starter."""
-        for node in self._nodes.values():
+        for node in self.nodes.values():
             node.kill()
 
     def told(self) -> dict[str, dict[str, Any]]:
         """Facts that each process has told, by name (see `telling`)."""
-        for node in self._nodes.values():
+        for node in self.nodes.values():
             node.listen()
-        return {name: node.told for name, node in self._nodes.items()}
+        return {name: node.told for name, node in self.nodes.items()}
 
     def exit_codes(self) -> dict[str, int | None]:
         """Exit code of each process; None while it runs."""
-        return {name: node.process.poll() for name, node in self._nodes.items()}
+        return {name: node.process.poll() for name, node in self.nodes.items()}
 
     def pids(self) -> dict[str, int]:
         """Process id of each node."""
-        return {name: node.process.pid for name, node in self._nodes.items()}
+        return {name: node.process.pid for name, node in self.nodes.items()}
 
     def _broken(self, ended: Iterable[str]) -> StackError:
         """Say how the node ended that ended first, because the others ended as a consequence."""
-        name = min(ended, key=lambda each: _broke_at(self._nodes[each]))
-        node = self._nodes[name]
+        name = min(ended, key=lambda each: _broke_at(self.nodes[each]))
+        node = self.nodes[name]
         code = node.process.returncode
         if code < 0:  # a process that was killed says nothing about it
             return StackError(f"{name} was killed by {signal.Signals(-code).name}")
@@ -269,12 +262,6 @@ class Stack:
             asked, refused = self.environment.get(MIDDLEWARE, ""), True
             reason = f"{MIDDLEWARE} = {asked!r}; allowed: an installed middleware, or unset"
         return StackError(f"{name} ended with exit code {code}: {reason}", refused)
-
-
-def _pass_on(line: str) -> None:
-    """Show the user warnings, errors and tracebacks; events are for the log and ``/rosout``."""
-    if not _EVENT.match(line):
-        print(line, file=sys.stderr, flush=True)
 
 
 def _broke_at(node: Child) -> float:

@@ -19,7 +19,6 @@ import sys
 import time
 from collections.abc import Mapping
 from functools import partial
-from math import inf
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -72,13 +71,11 @@ from ppc_attitude.processes.child import come_last, give_way
 from ppc_attitude.processes.exits import BROKEN
 from ppc_attitude.processes.telling import BAG, tell, tell_broken
 from ppc_attitude.runtime.health import OK, STALE, Status
-from ppc_attitude.runtime.recording import Recording
+from ppc_attitude.runtime.recording import Drain, Recording
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Value
-from ppc_attitude.science.stamps import nanoseconds, seconds
+from ppc_attitude.science.stamps import seconds
 
-_QUIET = 0.3  # [s] without a message after which all that was sent has arrived
-_RUNS_ON = 1.0  # [s] after it is asked to end; a node that still sends has not been asked
 _BATCH = 0.005  # [s] messages that arrive within this time are taken together
 _CALM = 0.05  # [s] of silence after which the executor waits for the next message, at 0.5 ms each
 _LONGEST = 0.1  # [s] after which a recorder in full flow looks for signals and services
@@ -309,19 +306,14 @@ class BagRecorder(BaseNode):
             self._heard_at = self._now
 
     def drain(self, executor: Executor) -> None:
-        """Take all that was sent before the stop: until nothing has come for a while.
-
-        The record of a stack that runs on ends with the newest state.
-        """
-        begun = self._now = self.now()
-        late = time.time_ns() + nanoseconds(_RUNS_ON)
-        end = inf
-        while not self.failure and self._now < min(max(begun, self._heard_at) + _QUIET, end):
+        """Take all that was sent before the stop: until nothing has come for a while."""
+        self._now = self.now()
+        drain = Drain(self._now, time.time_ns())
+        while not self.failure and drain.goes_on(self._now, self._heard_at):
             self._take_gathered()
             last = self._about  # its sender's clock may be wrong
             sent = min(last.get("source_timestamp", 0), last.get("received_timestamp", 0))
-            if end == inf and sent > late:
-                end = self._now + _QUIET
+            if drain.runs_on(self._now, sent):
                 for recording in self._recordings.values():
                     recording.end(self._now)
             executor.spin_once(timeout_sec=_BATCH)

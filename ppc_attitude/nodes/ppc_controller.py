@@ -21,19 +21,15 @@ from typing import Any
 
 from std_srvs.srv import SetBool
 
-from ppc_attitude.contract.topics import ATTITUDE, CONTROLLER, ENABLED, TORQUE_COMMAND
+from ppc_attitude.contract.topics import ATTITUDE, CONTROLLER, ENABLED
 from ppc_attitude.nodes.component_node import ComponentNode
 from ppc_attitude.nodes.running import run_node
-from ppc_attitude.runtime.health import OK, STALE, WARN, Status
+from ppc_attitude.runtime.health import Status
 from ppc_attitude.runtime.stamps import Values
+from ppc_attitude.runtime.torque_gate import TorqueGate
 from ppc_attitude.science.controllers.common import MAX_TORQUE
-from ppc_attitude.science.hooks import Advice
-from ppc_attitude.science.stamps import seconds
 
-_ZERO = (0.0, 0.0, 0.0)
-_KNOWN = (0.0, 0.0, 0.0, 1.0)
-_NO_ATTITUDE = f"{ATTITUDE.name} is all zeros, so the attitude is unknown: zero torque"
-_UNSATURATED = "unsaturated_torque"  # of a law that has a limit
+_KNOWN = (0.0, 0.0, 0.0, 1.0)  # to a law that reads no attitude
 
 
 class PpcController(ComponentNode):
@@ -43,56 +39,35 @@ class PpcController(ComponentNode):
 
     def __init__(self) -> None:
         super().__init__()
-        self._enabled = True
-        self._switched = False  # `_enabled` has changed, and the change is not yet on record
-        self._saturated = 0
-        self._sees = self._has_seen = False  # an attitude is known now; one has been known before
+        self._gate = TorqueGate()
         self.create_service(SetBool, "~/enable", self._on_enable)
 
     def compute(self, stamp_ns: int, inputs: Mapping[str, Values]) -> dict[str, Values]:
         """Step the law."""
-        if self._switched:
-            self._switched = False
-            self.tell_changes(stamp_ns, {ENABLED: self._enabled})
+        if self._gate.has_switched():
+            self.tell_changes(stamp_ns, {ENABLED: self._gate.enabled})
         outputs = super().compute(stamp_ns, inputs)
-        sees = any(inputs.get(ATTITUDE.column, _KNOWN))
-        if sees != self._sees and self._has_seen:  # a filter needs a while at first
-            text = f"{ATTITUDE.name} is known again" if sees else _NO_ATTITUDE
-            self.say_all([Advice(f"{text} from t = {seconds(stamp_ns):.3f} s on", not sees)])
-        self._sees, self._has_seen = sees, self._has_seen or sees
-        if not self._enabled:
+        self.say_all(self._gate.look(stamp_ns, inputs.get(ATTITUDE.column, _KNOWN)))
+        if not self._gate.enabled:
             # The law's advice is dropped: the law misses its torque, and would name other causes.
             tuple(self.chain.news())
-            return {**outputs, TORQUE_COMMAND.column: _ZERO}
-        asked = max(map(abs, outputs.get(_UNSATURATED, _ZERO)))
-        self._saturated += asked > self.parameters[MAX_TORQUE.name]
-        return outputs
+        return self._gate.passed(outputs, self.parameters[MAX_TORQUE.name])
 
     def _on_enable(self, request: Any, response: Any) -> Any:
-        enabled, was = bool(request.data), self._enabled
-        self._enabled = enabled
-        self._switched = self._switched or enabled != was
-        if enabled and not was:
+        begins_anew, told = self._gate.turn(bool(request.data))
+        if begins_anew:
             self.arm()
-            state = "enabled: re-armed from the present error"
-        else:
-            state = "enabled already: the law goes on" if enabled else "disabled: zero torque"
-        self.get_logger().info(state)
-        return SetBool.Response(success=True, message=state)
+        self.get_logger().info(told)
+        return SetBool.Response(success=True, message=told)
 
     def details(self) -> dict[str, Any]:
         """Numbers for `/diagnostics`."""
         law = {"controller": self.parameters["controller"]}
-        return {**law, **super().details(), "steps in saturation": self._saturated}
+        return {**law, **super().details(), "steps in saturation": self._gate.saturated}
 
     def status(self) -> Status:
         """Disabled, or what every component node says."""
-        status = super().status()
-        if not self._enabled and status.level != STALE:
-            return Status(WARN, "disabled: zero torque", status.details)
-        if not self._sees and status.level == OK:
-            return Status(WARN, _NO_ATTITUDE, status.details)
-        return status
+        return self._gate.status(super().status())
 
 
 main = partial(run_node, PpcController)

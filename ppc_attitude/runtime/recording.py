@@ -29,7 +29,7 @@ from math import inf
 from ppc_attitude.contract.topics import ATTITUDE, TRUE_ATTITUDE
 from ppc_attitude.runtime.lanes import Lane, Stretch, Told
 from ppc_attitude.runtime.rhythm import Rhythm
-from ppc_attitude.science.stamps import seconds
+from ppc_attitude.science.stamps import NANOSECONDS, seconds
 
 _LEAD = ATTITUDE.name
 _TRUTH = TRUE_ATTITUDE.name  # goes on where an estimator, which may give the states, stops
@@ -39,6 +39,9 @@ _REMEMBERED = 50_000  # states: a reader keeps as many messages, which may come 
 _JOINS = 2.0  # [s] by the wall clock in which a recorder that joins a run may hear no state yet
 _FLOWS = 2.0  # [s] by the wall clock after a state, within which others come
 _FEW = 10  # instants beyond the last state: a stranger's stamps, or the last answers
+
+_QUIET = 0.3  # [s] without a message after which all that was sent has arrived
+_RUNS_ON = NANOSECONDS  # after a stop; a node that still sends has not been asked to end
 
 Write = Callable[[str, int, bytes], None]
 
@@ -362,3 +365,29 @@ class Recording:
     def surplus(self) -> dict[str, int]:
         """How many messages of each topic came beside the first one of their instant."""
         return {name: lane.surplus for name, lane in self._lanes.items() if lane.surplus}
+
+
+class Drain:
+    """Tells when a record that is to end has all that was sent before; `now` is in s."""
+
+    def __init__(self, now: float, wall_ns: int) -> None:
+        self._heard = now
+        self._late = wall_ns + _RUNS_ON
+        self._end = inf
+
+    def goes_on(self, now: float, heard: float) -> bool:
+        """True until no message has come for a while, or soon after the stack was seen to run on.
+
+        The last message was `heard` then [s].
+        """
+        return now < min(max(self._heard, heard) + _QUIET, self._end)
+
+    def runs_on(self, now: float, sent_ns: int) -> bool:
+        """True once: when the latest message was sent long after the stop [ns of the wall clock].
+
+        The record of a stack that runs on ends with the newest state.
+        """
+        if self._end < inf or sent_ns <= self._late:
+            return False
+        self._end = now + _QUIET
+        return True
