@@ -310,6 +310,31 @@ def test_two_publishers_of_a_topic_are_seen_and_one_after_the_other_are_not() ->
     assert bag.gaps() == [f"{told} /one, /other"]
 
 
+def test_two_publishers_of_what_belongs_to_one_node_are_seen_though_it_is_no_sample() -> None:
+    bag = Bag()
+    bag.run(range(1))
+    for second in range(40):
+        for number, topic in ((second, "clock"), (second, "status"), (second + 500, "status")):
+            bag.recording.hear(topic, second * NANOSECONDS, number, float(second))
+    assert bag.gaps() == ["status came from several nodes: nodes that have ended"]
+    bag.recording.see("status", {1: "/one", 2: "/other"}, 40.0)
+    assert bag.gaps() == ["status came from several nodes: /one, /other"]
+
+
+def test_who_publishes_beside_another_for_long_is_seen_though_few_messages_come() -> None:
+    """For so long only a node that lives is in the graph; samples come often enough to prove it."""
+    bag = Bag()
+    bag.run(range(1))
+    bag.recording.hear("status", 0, 1, 0.0)
+    for topic in ("status", TORQUE):
+        for now, other in ((0.0, "killed"), (20.0, "started again"), (49.9, "started again")):
+            bag.recording.see(topic, {"one": "/one", other: "/other"}, now)
+    assert bag.gaps() == []
+    for topic in ("status", TORQUE):
+        bag.recording.see(topic, {"one": "/one", "started again": "/other"}, 50.0)
+    assert bag.gaps() == ["status came from several nodes: /one, /other"]
+
+
 def test_progress_is_told_now_and_then_and_to_a_plant_that_repeats_its_state() -> None:
     bag = Bag()
     told = []

@@ -49,6 +49,7 @@ from ppc_attitude.contract.topics import (
     RECORDED_TOPIC,
     RECORDER,
     REFERENCE,
+    SOURCES,
     STANDARD,
     Topic,
 )
@@ -212,16 +213,18 @@ class BagRecorder(BaseNode):
     def _receiver(self, home: str, topic: Topic) -> Take:
         recording, name, msgtype = self._recordings[home], topic.name, topic.msgtype
         ahead = topic.source in (REFERENCE, INJECTOR)  # they may send before the state has come
-        with_state = comes_with_state(topic)
+        with_state, owned = comes_with_state(topic), topic.source in SOURCES
 
         # To a callback of two arguments rclpy also tells the publisher's number of the message.
         # Its events executor fails at such a callback.
         def receive_event(data: bytes, about: Mapping[str, Any]) -> None:
             self._about, stamp_ns = about, header_stamp(data, msgtype)
+            number = about["publication_sequence_number"]
             if not with_state:
                 recording.event(name, stamp_ns, data)
+                if owned:
+                    recording.hear(name, stamp_ns, number, self._now)
                 return
-            number = about["publication_sequence_number"]
             recording.event_with_state(name, stamp_ns, data, number, self._now)
 
         def receive(data: bytes, about: Mapping[str, Any]) -> None:
@@ -266,7 +269,7 @@ class BagRecorder(BaseNode):
             self._survey.ask(self._now)
         self._tell_restarted()
         for full, (home, topic, _) in self._ears.items():
-            if topic.column and self.count_publishers(full) > 1:
+            if (topic.column or topic.source in SOURCES) and self.count_publishers(full) > 1:
                 self._recordings[home].see(topic.name, publishing_nodes(self, full), self._now)
         for home, recording in self._recordings.items():
             lacking = ", ".join(recording.missing(self._graph.awaited[home]))

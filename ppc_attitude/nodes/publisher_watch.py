@@ -27,7 +27,6 @@ from ppc_attitude.runtime.publishers import Publishers
 from ppc_attitude.runtime.stamps import RefusedError
 
 _LOOK_EVERY = 1.0  # [s]
-_LASTS = 30.0  # [s] after which a killed publisher has left the graph, so several are alive
 _UNKNOWN = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_")  # rmw's names for unknown nodes
 
 
@@ -63,7 +62,7 @@ class PublisherWatch:
         self._heard: dict[str, tuple[Any, Publishers]] = {}  # subscription, and its publishers
         self.found = ""
         self.gives_way = False
-        self._shared: dict[str, float | None] = {}  # since when [s] several are in the graph
+        self._shared: dict[str, Publishers] = {}
 
     def add(self, topic: Topic, name: str) -> None:
         """Watch a topic, given with its full name."""
@@ -74,7 +73,7 @@ class PublisherWatch:
 
         Its messages prove nothing: they are few, or another craft rightly sends them, too.
         """
-        self._shared[name] = None
+        self._shared[name] = Publishers()
 
     def look(self, now: float) -> None:
         """Look if it is time."""
@@ -95,15 +94,11 @@ class PublisherWatch:
                 self.gives_way |= publishers.gives_way(self._since, now)
 
     def _look_for_company(self, now: float) -> None:
-        for name, since in tuple(self._shared.items()):
-            if self._node.count_publishers(name) < 2:
-                self._shared[name] = None
-            elif since is None:
-                self._shared[name] = now
-            elif now - since >= _LASTS:
-                nodes = ", ".join(sorted(publishing_nodes(self._node, name).values()))
-                text = f"several nodes publish {name}, and every reader hears all of them: {nodes}"
-                self._node.get_logger().warning(text)
+        for name, publishers in tuple(self._shared.items()):
+            publishers.see(publishing_nodes(self._node, name), now)
+            if publishers.stay:
+                told = f"several nodes publish {name}, and every reader hears all of them"
+                self._node.get_logger().warning(f"{told}: {publishers.nodes}")
                 del self._shared[name]
 
     def _listen(self, name: str, topic: Topic) -> None:

@@ -17,6 +17,7 @@
 from dataclasses import dataclass, field
 
 from ppc_attitude.runtime.publishers import Publishers
+from ppc_attitude.science.stamps import seconds
 
 _JUST_BEGUN = 3  # instants: the second one may be among the latest two
 
@@ -28,6 +29,11 @@ class Stretch:
     count: int = 0
     total: int = 0  # sum of the stamps: equal counts with other stamps give another sum
     last: int = -1  # stamp [ns] of the newest
+
+    @property
+    def end(self) -> str:
+        """When it ends, for a reader."""
+        return f"{seconds(max(self.last, 0)):.6f} s"
 
     def until(self, stamp_ns: int) -> tuple[int, int]:
         """Count and sum of the stamps, without the last one if it is beyond a stamp."""
@@ -47,6 +53,11 @@ class Lane:
     repeatable: frozenset[int] = frozenset()  # what a peer may repeat of before, not the first ones
     surplus: int = 0  # messages beside the first one of their instant
     publishers: Publishers = field(default_factory=Publishers)
+
+    @property
+    def came_from_several(self) -> bool:
+        """True if several nodes sent it."""
+        return self.publishers.several
 
     def begin_again(self) -> None:
         """Begin another stretch, at stamp zero."""
@@ -81,6 +92,11 @@ class Told:
     latest: tuple[bytes, ...] = ()  # bytes of the latest two, of which one may be sent ahead
     is_stamped: bool = True  # the latest one, for all that is known: its stamp is not zero again
     publishers: Publishers = field(default_factory=Publishers)
+
+    @property
+    def came_from_several(self) -> bool:
+        """True if several nodes sent it, or may have: its messages are few, and prove little."""
+        return self.publishers.several or self.publishers.stay
 
     def take(self, stamp_ns: int, data: bytes, epoch: int, state_ns: int) -> bool:
         """Take a message into its epoch, given that of the states and the stamp of the newest.

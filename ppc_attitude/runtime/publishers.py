@@ -27,6 +27,7 @@ _HEARD = 5.0  # [s] after its last message a second publisher counts as gone
 _NEW = 10.0  # [s] a node that was older than this when another came never gives way
 _TOLD = 3.0  # [s] from the proof on until everybody else has had time to find both and hear as much
 _MOST = 8  # publishers of one topic that are told apart
+_LASTS = 30.0  # [s] after which a killed publisher has left the graph, so several are alive
 
 
 @dataclass(slots=True)
@@ -60,6 +61,9 @@ class Publishers:
         self._proof = 0
         self._proved_at = self._last_proof = 0.0
         self._nodes: dict[Hashable, str] = {}
+        self._since: dict[Hashable, float] = {}  # when each in the graph was first seen [s]
+        self.stay = False
+        """True if several were in the graph for so long that all of them live, if silently."""
         self._seen_at: float | None = None
 
     def see(self, nodes: Mapping[Hashable, str], now: float) -> None:
@@ -68,7 +72,9 @@ class Publishers:
         A name is empty where the graph does not know it yet.
         The names of several are kept, because the node that gives way soon leaves the graph.
         """
+        self._since = {key: self._since.get(key, now) for key in nodes}
         if len(nodes) > 1:
+            self.stay |= now - sorted(self._since.values())[1] >= _LASTS
             self._seen_at = now if self._seen_at is None else self._seen_at
             self._nodes = {key: name or self._nodes.get(key, "") for key, name in nodes.items()}
         elif not self.lasts(now):

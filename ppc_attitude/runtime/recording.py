@@ -29,7 +29,7 @@ from math import inf
 from ppc_attitude.contract.topics import ATTITUDE, TRUE_ATTITUDE
 from ppc_attitude.runtime.lanes import Lane, Stretch, Told
 from ppc_attitude.runtime.rhythm import Rhythm
-from ppc_attitude.science.stamps import NANOSECONDS, seconds
+from ppc_attitude.science.stamps import NANOSECONDS
 
 _LEAD = ATTITUDE.name
 _TRUTH = TRUE_ATTITUDE.name  # goes on where an estimator, which may give the states, stops
@@ -44,10 +44,6 @@ _QUIET = 0.3  # [s] without a message after which all that was sent has arrived
 _RUNS_ON = NANOSECONDS  # after a stop; a node that still sends has not been asked to end
 
 Write = Callable[[str, int, bytes], None]
-
-
-def _until(stretch: Stretch) -> str:
-    return f"{seconds(max(stretch.last, 0)):.6f} s"
 
 
 class Recording:
@@ -91,6 +87,11 @@ class Recording:
         """
         stamp_ns = max(stamp_ns or 0, 0) or max(self.now, 0)
         self._write(name, self._origins[-1] + stamp_ns, data)
+
+    def hear(self, name: str, stamp_ns: int | None, number: int | None, now: float) -> None:
+        """Take who has sent a message that is no sample, on a topic that belongs to one node."""
+        told = self._told.setdefault(name, Told(self._states.epoch))
+        told.publishers.hear(number, stamp_ns or 0, now)
 
     def event_with_state(
         self, name: str, stamp_ns: int | None, data: bytes, number: int | None, now: float
@@ -282,7 +283,7 @@ class Recording:
 
         It is zero if time has begun again meanwhile.
         """
-        topics: dict[str, Told | Lane] = {**self._told, **self._lanes}
+        topics = self._topics()
         newest = filter(None, (topics[name].publishers.newest for name in names if name in topics))
         begun = (stamp if at >= self._again else 0 for at, stamp in newest if at >= since)
         return min(begun, default=None)
@@ -344,19 +345,22 @@ class Recording:
                 end = min(own.last, led.last)
                 if own.until(end) != led.until(end):
                     found.append(
-                        f"{name} has {own.count} messages until {_until(own)}, "
-                        f"{_LEAD} {led.count} until {_until(led)}"
+                        f"{name} has {own.count} messages until {own.end}, "
+                        f"{_LEAD} {led.count} until {led.end}"
                     )
         return found + [
-            f"{name} came from several nodes: {lane.publishers.nodes}"
-            for name, lane in self._lanes.items()
-            if lane.publishers.several
+            f"{name} came from several nodes: {topic.publishers.nodes}"
+            for name, topic in self._topics().items()
+            if topic.came_from_several
         ]
+
+    def _topics(self) -> dict[str, Told | Lane]:
+        return {**self._told, **self._lanes}
 
     def see(self, name: str, nodes: Mapping[Hashable, str], now: float) -> None:
         """Take the nodes that publish on a topic, as the graph shows them (`Publishers.see`)."""
-        if name in self._lanes:
-            self._lanes[name].publishers.see(nodes, now)
+        if topic := self._topics().get(name):
+            topic.publishers.see(nodes, now)
 
     def unnumbered(self) -> bool:
         """True if messages came without a number of their publisher (`Publishers.unnumbered`)."""
