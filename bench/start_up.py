@@ -38,7 +38,7 @@ def first_step_s(cache: str, folder: str) -> float:
     """
     command = [sys.executable, "-m", "ppc_attitude.command_line.main", "run"]
     command += ["--duration", _DURATION, "--bag", f"{folder}/bag_{time.monotonic_ns()}"]
-    environment = {**private_environment(), "NUMBA_CACHE_DIR": cache}
+    environment = {**private_environment(), "NUMBA_CACHE_DIR": cache, "TQDM_MININTERVAL": "0.1"}
     begin = time.perf_counter()
     process = subprocess.Popen(
         command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, bufsize=0

@@ -58,6 +58,7 @@ _LEFT_OUT = {
     if (missing := [name for name in modules if find_spec(name) is None])
 }
 collect_ignore_glob = list(_LEFT_OUT)
+os.environ["TQDM_MININTERVAL"] = "0.1"  # [s] the tests take the time of a run from its bar
 
 _PATIENCE = 60.0  # [s] a machine may be busy
 _TURN = itertools.count(os.getpid())

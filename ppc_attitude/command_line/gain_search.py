@@ -16,10 +16,7 @@
 
 import argparse
 import math
-import sys
 from dataclasses import replace
-
-from tqdm import tqdm
 
 from ppc_attitude.analysis.requirements import load_requirements
 from ppc_attitude.campaign.declaration import Campaign, campaign, load_campaign
@@ -27,6 +24,7 @@ from ppc_attitude.campaign.pools import cores, threads
 from ppc_attitude.campaign.tuning import Tuned, tuned
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.parameter_file import overlay
+from ppc_attitude.command_line.progress import progress_bar
 from ppc_attitude.command_line.proportions import actuator_torques
 from ppc_attitude.command_line.stopping import stoppable
 from ppc_attitude.contract.topics import CONTROLLER
@@ -51,7 +49,7 @@ def search_gains(arguments: argparse.Namespace, scenario: Scenario) -> int:
             "s, the settling deadline, because shorter runs cannot be judged"
         )
     stoppable(lambda: warm_up(scenario))
-    with threads() as executor, tqdm(unit=" candidates", file=sys.stderr) as bar:
+    with threads() as executor, progress_bar(unit=" candidates") as bar:
 
         def show(count: int, least: float) -> None:
             bar.update(count - bar.n)

@@ -21,14 +21,13 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, TypeAlias
 
-from tqdm import tqdm
-
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.memory import check_memory
 from ppc_attitude.command_line.options import exit_code
 from ppc_attitude.command_line.paths import new_bag
+from ppc_attitude.command_line.progress import progress_bar
 from ppc_attitude.command_line.security import domain_of, secured
 from ppc_attitude.command_line.stack import Stack, StackError, private_environment
 from ppc_attitude.command_line.stopping import stop_on_signals, stoppable
@@ -152,11 +151,6 @@ class Recording:
 def _progress(duration: float) -> Iterator[Any]:
     """Progress bar over simulated time; gives the function that moves it."""
     form = "{l_bar}{bar}| {n:.1f}/{total:.1f} s [{elapsed}<{remaining}, {rate_fmt}{postfix}]"
-    tqdm.monitor_interval = 0  # no thread of its own: a process with threads cannot be copied
-    with tqdm(total=duration, desc="simulated", unit="s", bar_format=form, file=sys.stderr) as bar:
-
-        def show(t: float) -> None:
-            bar.n = min(t, duration)  # which the last step may pass by half of one
-            bar.refresh()
-
-        yield show
+    with progress_bar(total=duration, desc="simulated", unit="s", bar_format=form) as bar:
+        # The last step may pass the duration by half of one.
+        yield lambda t: bar.update(min(t, duration) - bar.n)

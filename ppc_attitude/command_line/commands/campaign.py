@@ -20,8 +20,6 @@ import time
 from dataclasses import replace
 from datetime import datetime
 
-from tqdm import tqdm
-
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.campaign.campaign import Finished, run_campaign
 from ppc_attitude.campaign.declaration import Campaign, draw, load_campaign, scenario_of_run
@@ -45,6 +43,7 @@ from ppc_attitude.command_line.options import (
     write_report_of,
 )
 from ppc_attitude.command_line.paths import new_folder, shipped_config, some_path
+from ppc_attitude.command_line.progress import progress_bar
 from ppc_attitude.command_line.recording import Recording
 from ppc_attitude.command_line.stopping import stop_on_signals, stoppable
 from ppc_attitude.contract.topics import PLANT
@@ -127,8 +126,7 @@ def execute(arguments: argparse.Namespace) -> int:
     if alone:
         return _execute_one(arguments, campaign)
     start = time.monotonic()
-    tqdm.monitor_interval = 0  # no thread of its own: a process with threads cannot be copied
-    with tqdm(total=runs, desc="campaign", unit=" runs", file=sys.stderr) as bar:
+    with progress_bar(total=runs, desc="campaign", unit=" runs") as bar:
         try:
             finished = run_campaign(
                 campaign,

@@ -16,14 +16,11 @@
 
 import argparse
 import math
-import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
-
-from tqdm import tqdm
 
 from ppc_attitude.campaign.pools import (
     connected,
@@ -47,6 +44,7 @@ from ppc_attitude.command_line.options import (
 )
 from ppc_attitude.command_line.parameter_file import overlay
 from ppc_attitude.command_line.paths import new_folder, see_that_it_may_go
+from ppc_attitude.command_line.progress import progress_bar
 from ppc_attitude.command_line.stopping import stop_on_signals, stoppable
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.contract.whole_file import write_whole
@@ -223,7 +221,7 @@ def _searched(arguments: argparse.Namespace, search: Search) -> tuple[Found, boo
     with (
         _executor(arguments.scheduler) as (executor, check),
         stop_on_signals() as stop,
-        tqdm(total=arguments.runs, unit=" runs", file=sys.stderr) as bar,
+        progress_bar(total=arguments.runs, unit=" runs") as bar,
     ):
         for found in search.run(arguments.runs, arguments.seconds, executor, stop, check):
             bar.update(found.runs - bar.n)
