@@ -58,4 +58,5 @@ def test_a_plant_that_tells_nothing_more_hangs_and_one_that_repeats_its_time_is_
     assert reason(stall, 105.0, hindrances=()) == (
         f"no step for 30 s: {PLANT} neither goes on nor ends"
     )
+    assert reason(stall, 105.0) == f"no step for 30 s: {CONTROLLER_WAITS}", "that is the cause"
     assert reason(stall, 105.0, 30.0, hindrances=()) == ""
