@@ -163,9 +163,12 @@ def hears(node: rclpy.node.Node, name: str, topic: Topic, wanted: Callable[[Any]
 
 
 def expect_goal(record: RunRecord) -> None:
-    """One goal acted, from the instant on that is told."""
-    changed = {each.name: each for each in record.changes if each.node == REFERENCE}
-    times = changed["goals.times"]
+    """The goal acted, from the instant on that is told.
+
+    Who waits for the processor hears the answer late, and orders again what has acted.
+    """
+    changed = {each.name: each for each in reversed(record.changes) if each.node == REFERENCE}
+    times = changed["goals.times"]  # of the first order
     assert times.value == [times.stamp_ns / 1e9]
     assert "goals.frames" not in changed  # it was inertial before
     began = int(np.searchsorted(record.stamps_ns, times.stamp_ns))
