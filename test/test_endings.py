@@ -262,6 +262,13 @@ def test_an_end_while_a_step_computes_for_ever(
     assert "interrupted" in err.splitlines()[-1]
 
 
+def is_asked_to_end(paused: int) -> bool:
+    """True if SIGINT waits for a paused process."""
+    status = Path(f"/proc/{paused}/status").read_text()
+    waiting = int(status.partition("ShdPnd:\t")[2].split()[0], 16)
+    return bool(waiting >> (signal.SIGINT - 1) & 1)
+
+
 @pytest.mark.ros
 def test_a_run_that_is_interrupted_before_time_begins_leaves_no_bag(
     tmp_path: Path, start_process: StartProcess
@@ -271,6 +278,8 @@ def test_a_run_that_is_interrupted_before_time_begins_leaves_no_bag(
     pause(plant)
     until(run.bag.exists, "the recorder")
     run.send(signal.SIGTERM)
+    # Else time may begin before a run that waits for the processor hears of it.
+    until(lambda: is_asked_to_end(plant), "the request to the plant")
     os.kill(plant, signal.SIGCONT)
     assert run.ends() == 3
     assert run.err.endswith("error: interrupted before anything was recorded\n")
