@@ -113,6 +113,7 @@ def test_what_visitors_do_is_on_record_and_is_flown_again(
     assert end == pytest.approx(start + 0.25, abs=1e-6)
 
     monkeypatch.setattr(watch, "_SETTLE", PATIENCE)  # all there is to see will come
+    monkeypatch.setenv("COLUMNS", "80")  # whatever the terminal
     assert main(["watch", "--once", "--timeout", str(PATIENCE)]) == exits.DONE
     shown = capfd.readouterr().out
     assert "attitude error" in shown.splitlines()[0]
