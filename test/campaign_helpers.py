@@ -77,10 +77,10 @@ def run_one(of: Campaign, index: int) -> Outcome:
     return outcome
 
 
-def rows_of(folder: Path) -> list[dict[str, Any]]:
+def rows_of(folder: Path, file: str = "runs.parquet") -> list[dict[str, Any]]:
     import pyarrow.parquet as pq  # who only runs campaigns need not have it
 
-    rows: list[dict[str, Any]] = pq.read_table(folder / "runs.parquet").to_pylist()
+    rows: list[dict[str, Any]] = pq.read_table(folder / file).to_pylist()
     return rows
 
 

@@ -77,7 +77,7 @@ for line in sys.stdin:
 MISFITTING = {
     "sensors": ("failing", "hasty", "sure"),
     "estimators": ("bounded", "quiet"),
-    "controllers": ("beyond_column", "blind", "chatty", "listening", "margin"),
+    "controllers": ("beyond_column", "blind", "chatty", "enveloped", "listening", "margin"),
     "environments": ("gusty", "table"),
     "plants": ("unnamed", "unnamed_wheels"),
 }
@@ -194,6 +194,10 @@ def test_a_law_is_judged_by_its_own_bounds(tell: Tell, tmp_path: Path) -> None:
     ]
     assert rows[0] == {"attitude error outside its envelope": (0.51, False)}
     assert set(rows[1]) == {f"{which} error outside its envelope" for which in ("attitude", "rate")}
+    choose(tmp_path, "ppc_controller", "controller: enveloped")
+    captions = tell(f"captions {FILES[0]} own.yaml").out.splitlines()
+    assert "Attitude error in its envelope, as ppc_controller reports it" in captions
+    assert "True attitude error" in captions  # so the two are two files
 
 
 def test_a_sweep_and_an_adversary_know_the_envelopes_that_the_components_declare(
@@ -257,6 +261,8 @@ def test_each_run_of_a_campaign_has_noise_of_its_own_and_is_judged_by_its_laws_b
     alone = tell(f"{campaign} --only 1", code=1).json["metrics"]
     first, second = (row["max_rate_deg_s"] for row in rows_of(tmp_path / "out"))
     assert first != second == alone["max_rate_deg_s"]
+    bands = rows_of(tmp_path / "out", "error_over_time.parquet")
+    assert max(each["low"] for each in bands if each["quantity"] == "normalised_error") > 1.0
 
 
 def test_a_campaign_draws_one_of_four_numbers_and_a_quaternion_as_such(

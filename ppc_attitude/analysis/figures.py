@@ -110,9 +110,14 @@ def error_figure(run: Measured, envelope: Envelope) -> Figure:
     return _in_envelope(run, envelope, error, bound)
 
 
+def _is_bounded(record: RunRecord) -> bool:
+    """Whether the law tells an attitude error of its own and what bounds it."""
+    return any(each.error == ATTITUDE.error for each in envelopes_of(record))
+
+
 def attitude_figure(run: Measured) -> Figure:
     """Draw the pointing error, unless it is the law's own error, which is drawn in its envelope."""
-    if has(run.record, ATTITUDE.bound) and run.truth.standing != RECORDED:
+    if _is_bounded(run.record) and run.truth.standing != RECORDED:
         raise AnalysisError(f"{run.record.source}: has an envelope")
     return _in_envelope(run, ATTITUDE, pointing_errors(run.record).quaternions[:, :3], None)
 
@@ -255,7 +260,7 @@ def column_figure(run: Measured, column: str) -> Figure:
 def _drawings(record: RunRecord) -> Iterator[Drawing]:
     """Name of a figure's file, caption, and the function that draws it."""
     yield "pointing_error", "Attitude error as an angle", pointing_figure
-    own = has(record, ATTITUDE.bound)  # the law's own error, in its envelope, has that name
+    own = _is_bounded(record)  # the law's own error, in its envelope, has that name
     name, caption = ("true_attitude_error", "True a") if own else ("attitude_error", "A")
     yield name, f"{caption}ttitude error", attitude_figure
     for each in envelopes_of(record):
@@ -324,7 +329,7 @@ def _in_envelope(run: Measured, envelope: Envelope, error: Array, bound: Array |
         if magnitude:
             seen = np.nanmax(np.abs(error), keepdims=True) if bound is None else bound
             log_axis(axes, log_floor(seen))
-    if envelope == ATTITUDE and (bound is None or run.truth.standing != RECORDED):
+    if envelope.error == ATTITUDE.error and (bound is None or run.truth.standing != RECORDED):
         accuracy_limits(shown[1], run, "")
     finish(shown, run)
     if window is not None and not envelope.jumps:

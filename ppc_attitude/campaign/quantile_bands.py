@@ -22,11 +22,14 @@ grouping of the runs gives the same counts to the last bit.
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.contract.declared import ATTITUDE_ENVELOPE, ATTITUDE_ERROR
+from ppc_attitude.analysis.envelopes import ATTITUDE, envelopes_of
 from ppc_attitude.contract.run_record import Array, RunRecord, times_of
 
 QUANTITIES = ("attitude_error", "attitude_envelope", "normalised_error")
-"""max_i |q_ev,i| of the pointing error, max_i ρ_q,i, and max_i |q_ev,i|/ρ_q,i of the law's own."""
+"""max_i |q_ev,i| of the pointing error, max_i ρ_q,i, and max_i |q_ev,i|/ρ_q,i of the law's own.
+
+ρ_q is the column that bounds the attitude error, whatever the law calls it.
+"""
 TIME_BINS = 240
 STEPS_PER_DECADE = 32
 EDGES = np.array([10.0 ** (k / STEPS_PER_DECADE) for k in range(-208, 41)])
@@ -51,11 +54,12 @@ def levels_of(record: RunRecord, sizes: Array) -> Levels:
     """
     starts, _ = time_bins(record.stamps_ns)
     values = [sizes]
-    if ATTITUDE_ENVELOPE.column in record:
-        envelope = record[ATTITUDE_ENVELOPE.column].T
-        envelope = np.where(envelope > 0.0, envelope, np.nan)  # there is none without an attitude
-        own = np.abs(record[ATTITUDE_ERROR.column][:, :3]).T
-        values += [envelope.max(axis=0), (own / envelope).max(axis=0)]
+    for each in envelopes_of(record):
+        if each.error == ATTITUDE.error:
+            envelope = record[each.bound].T
+            envelope = np.where(envelope > 0.0, envelope, np.nan)  # none without an attitude
+            own = np.abs(record[each.error][:, : envelope.shape[0]]).T
+            values += [envelope.max(axis=0), (own / envelope).max(axis=0)]
     levels = np.full((len(QUANTITIES), starts.size), UNKNOWN, np.uint8)
     for row, value in zip(levels, values, strict=False):
         peaks = np.maximum.reduceat(value, starts)

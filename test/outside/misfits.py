@@ -180,6 +180,7 @@ MADE: dict[str, Callable[[], Component]] = {
     "no_quiet": lambda: replace(ideal.COMPONENT, quiet={"nowhere": 0.0}),
     "pulse": lambda: pulses.COMPONENT,
     "margin": lambda: replace(LAW, outputs=WITH_MARGIN, step=step_with_margin),
+    "enveloped": lambda: with_column(LAW, bounds="attitude_error"),
     "beyond_column": lambda: replace(LAW, step=step_beyond),
     "failing": lambda: replace(SENSORS, step=step_failing_sensors),
     "quiet": lambda: replace(outside_parts.ESTIMATOR, step=step_quiet),
