@@ -52,8 +52,8 @@ def search_gains(arguments: argparse.Namespace, scenario: Scenario) -> int:
     with threads() as executor, progress_bar(unit=" candidates") as bar:
 
         def show(count: int, least: float) -> None:
+            bar.set_postfix_str(f"cost {least:.3g}", refresh=False)
             bar.update(count - bar.n)
-            bar.set_postfix_str(f"cost {least:.3g}")
 
         found = tuned(varied, arguments.seconds, executor, progress=show)
     best = scenario.with_values(CONTROLLER, **found.gains)

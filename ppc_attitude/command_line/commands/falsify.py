@@ -224,8 +224,9 @@ def _searched(arguments: argparse.Namespace, search: Search) -> tuple[Found, boo
         progress_bar(total=arguments.runs, unit=" runs") as bar,
     ):
         for found in search.run(arguments.runs, arguments.seconds, executor, stop, check):
+            told = search.goal.text(found.value, search.space.duration)
+            bar.set_postfix_str(told, refresh=False)
             bar.update(found.runs - bar.n)
-            bar.set_postfix_str(search.goal.text(found.value, search.space.duration))
     if found is None and stop.is_set():
         raise RunError("interrupted before the first generation of runs was complete")
     if found is None:
