@@ -21,7 +21,9 @@ import pytest
 
 from ppc_attitude.contract.topics import (
     ATTITUDE,
+    CLOCK_TOPIC,
     DISTURBANCE,
+    GUIDANCE_STATUS,
     TORQUE_COMMAND,
     TRUE_ATTITUDE,
 )
@@ -29,7 +31,7 @@ from ppc_attitude.runtime.recording import Drain, Recording
 from ppc_attitude.science.stamps import NANOSECONDS, stamp_of
 
 STATE, TORQUE, AHEAD = ATTITUDE.name, TORQUE_COMMAND.name, DISTURBANCE.name
-TRUTH = TRUE_ATTITUDE.name
+TRUTH, CLOCK, STATUS = TRUE_ATTITUDE.name, CLOCK_TOPIC.name, GUIDANCE_STATUS.name
 ALL = (STATE, TORQUE, AHEAD)
 
 
@@ -314,25 +316,37 @@ def test_two_publishers_of_what_belongs_to_one_node_are_seen_though_it_is_no_sam
     bag = Bag()
     bag.run(range(1))
     for second in range(40):
-        for number, topic in ((second, "clock"), (second, "status"), (second + 500, "status")):
+        for number, topic in ((second, CLOCK), (second, STATUS), (second + 500, STATUS)):
             bag.recording.hear(topic, second * NANOSECONDS, number, float(second))
-    assert bag.gaps() == ["status came from several nodes: nodes that have ended"]
-    bag.recording.see("status", {1: "/one", 2: "/other"}, 40.0)
-    assert bag.gaps() == ["status came from several nodes: /one, /other"]
+    assert bag.gaps() == [f"{STATUS} came from several nodes: nodes that have ended"]
+    bag.recording.see(STATUS, {1: "/one", 2: "/other"}, 40.0)
+    assert bag.gaps() == [f"{STATUS} came from several nodes: /one, /other"]
 
 
 def test_who_publishes_beside_another_for_long_is_seen_though_few_messages_come() -> None:
     """For so long only a node that lives is in the graph; samples come often enough to prove it."""
     bag = Bag()
     bag.run(range(1))
-    bag.recording.hear("status", 0, 1, 0.0)
-    for topic in ("status", TORQUE):
+    bag.recording.hear(STATUS, 0, 1, 0.0)
+    for topic in (STATUS, TORQUE):
         for now, other in ((0.0, "killed"), (20.0, "started again"), (49.9, "started again")):
             bag.recording.see(topic, {"one": "/one", other: "/other"}, now)
     assert bag.gaps() == []
-    for topic in ("status", TORQUE):
+    for topic in (STATUS, TORQUE):
         bag.recording.see(topic, {"one": "/one", "started again": "/other"}, 50.0)
-    assert bag.gaps() == ["status came from several nodes: /one, /other"]
+    assert bag.gaps() == [f"{STATUS} came from several nodes: /one, /other"]
+
+
+def test_a_topic_of_the_user_s_may_have_many_publishers() -> None:
+    """As transforms and joint states have, though one of them is a node of the run."""
+    bag = Bag()
+    bag.run(range(1))
+    for second in range(40):
+        bag.recording.see("tf", {"plant": "/plant", "arm": "/arm"}, float(second))
+        for number in (second, second + 500):
+            stamp = second * NANOSECONDS
+            bag.recording.event_with_state("tf", stamp, b"%d" % number, number, float(second))
+    assert bag.gaps() == []
 
 
 def test_progress_is_told_now_and_then_and_to_a_plant_that_repeats_its_state() -> None:

@@ -245,3 +245,5 @@ EVENTS = (
     DIAGNOSTICS_TOPIC,
     PARAMETER_EVENTS_TOPIC,
 )
+OWNED = tuple(topic for topic in EVENTS if topic.source)
+"""Those that belong to one node, as all samples do."""

@@ -45,11 +45,11 @@ from ppc_attitude.contract.topics import (
     ENABLED,
     EVENTS,
     INJECTOR,
+    OWNED,
     PLANT,
     RECORDED_TOPIC,
     RECORDER,
     REFERENCE,
-    SOURCES,
     STANDARD,
     Topic,
 )
@@ -213,7 +213,7 @@ class BagRecorder(BaseNode):
     def _receiver(self, home: str, topic: Topic) -> Take:
         recording, name, msgtype = self._recordings[home], topic.name, topic.msgtype
         ahead = topic.source in (REFERENCE, INJECTOR)  # they may send before the state has come
-        with_state, owned = comes_with_state(topic), topic.source in SOURCES
+        with_state, owned = comes_with_state(topic), topic in OWNED
 
         # To a callback of two arguments rclpy also tells the publisher's number of the message.
         # Its events executor fails at such a callback.
@@ -269,7 +269,7 @@ class BagRecorder(BaseNode):
             self._survey.ask(self._now)
         self._tell_restarted()
         for full, (home, topic, _) in self._ears.items():
-            if (topic.column or topic.source in SOURCES) and self.count_publishers(full) > 1:
+            if (topic.column or topic in OWNED) and self.count_publishers(full) > 1:
                 self._recordings[home].see(topic.name, publishing_nodes(self, full), self._now)
         for home, recording in self._recordings.items():
             lacking = ", ".join(recording.missing(self._graph.awaited[home]))

@@ -26,7 +26,7 @@ from heapq import heappop, heappush
 from itertools import zip_longest
 from math import inf
 
-from ppc_attitude.contract.topics import ATTITUDE, TRUE_ATTITUDE
+from ppc_attitude.contract.topics import ATTITUDE, OWNED, TRUE_ATTITUDE
 from ppc_attitude.runtime.lanes import Lane, Stretch, Told
 from ppc_attitude.runtime.rhythm import Rhythm
 from ppc_attitude.science.stamps import NANOSECONDS
@@ -40,6 +40,7 @@ _JOINS = 2.0  # [s] by the wall clock in which a recorder that joins a run may h
 _FLOWS = 2.0  # [s] by the wall clock after a state, within which others come
 _FEW = 10  # instants beyond the last state: a stranger's stamps, or the last answers
 
+_OWNED = {topic.name for topic in OWNED}
 _QUIET = 0.3  # [s] without a message after which all that was sent has arrived
 _RUNS_ON = NANOSECONDS  # after a stop; a node that still sends has not been asked to end
 
@@ -351,7 +352,7 @@ class Recording:
         return found + [
             f"{name} came from several nodes: {topic.publishers.nodes}"
             for name, topic in self._topics().items()
-            if topic.came_from_several
+            if topic.came_from_several and (name in self._lanes or name in _OWNED)
         ]
 
     def _topics(self) -> dict[str, Told | Lane]:
