@@ -75,7 +75,7 @@ for line in sys.stdin:
     print(json.dumps((code, out.getvalue(), err.getvalue())), flush=True)
 """
 MISFITTING = {
-    "sensors": ("failing", "hasty", "sure"),
+    "sensors": ("failing", "hasty", "sure", "tilted"),
     "estimators": ("bounded", "quiet"),
     "controllers": ("beyond_column", "blind", "chatty", "enveloped", "listening", "margin"),
     "environments": ("gusty", "table"),
@@ -198,6 +198,16 @@ def test_a_law_is_judged_by_its_own_bounds(tell: Tell, tmp_path: Path) -> None:
     captions = tell(f"captions {FILES[0]} own.yaml").out.splitlines()
     assert "Attitude error in its envelope, as ppc_controller reports it" in captions
     assert "True attitude error" in captions  # so the two are two files
+
+
+def test_what_sensors_tell_is_judged_by_the_noise_that_they_declare(
+    tell: Tell, tmp_path: Path
+) -> None:
+    choose(tmp_path, "spacecraft_plant", "sensors: tilted")
+    verdict = tell(f"simulate {PAPER} --config own.yaml --duration 1 --json", code=1).json
+    (row,) = [each for each in verdict["requirements"] if each["name"].startswith("knowledge")]
+    assert row["limit"] == pytest.approx(math.degrees(8e-6))
+    assert (row["value"], row["pass"]) == (pytest.approx(math.degrees(2e-4), rel=1e-3), False)
 
 
 def test_a_sweep_and_an_adversary_know_the_envelopes_that_the_components_declare(

@@ -74,7 +74,7 @@ from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Accuracy, Requirements, outside_names
 from ppc_attitude.analysis.reserves import judge_actuators
 from ppc_attitude.analysis.series import Mask, has, is_regular, largest, samples, zero_ns
-from ppc_attitude.analysis.truth import EXACT, RECORDED, lost
+from ppc_attitude.analysis.truth import EXACT, RECORDED, lost, told_noise
 from ppc_attitude.analysis.verdict import (
     MET,
     NOT_JUDGED,
@@ -383,12 +383,13 @@ class Verdict(Measured):
         if accuracy is not None:
             why = why or self.ends_before(self.required.settling_deadline, "the settling deadline")
         else:
-            sensors, noise = SENSORS.selected(self.plant), self.plant.get("attitude_noise")
-            has_noise = sensors is not None and "attitude_noise" in sensors.defaults
-            if self.truth.standing != RECORDED or not has_noise or not noise:
+            sensors, noise = SENSORS.selected(self.plant), told_noise(self.record.parameters)
+            if self.truth.standing != RECORDED or sensors is None or not noise:
                 return
-            accuracy = Accuracy(float(np.rad2deg(NOISE_EXPLAINS * float(noise))), DEGREES)
-            why = why or self.changed(PLANT, "attitude_noise")
+            accuracy = Accuracy(float(np.rad2deg(NOISE_EXPLAINS * noise)), DEGREES)
+            stretches = self.record.stretches(self.record.changes)
+            if any(told_noise(told) != noise for _, told in stretches):
+                why = why or self.changed(PLANT, *sensors.defaults)
             where, span = slice(None), self.whole
         value = largest(self.knowledge.in_unit_of(accuracy), where) if self.knowledge else None
         if self.truth.standing == EXACT:

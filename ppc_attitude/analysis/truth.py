@@ -22,6 +22,8 @@ A record has the truth as columns of its own where the controller may be told so
 Without them, `attitude` is taken for the truth, and `truth_of` says whether that is known.
 """
 
+import math
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -42,6 +44,8 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.science.attitude import attitude_errors, rotation_angles, vectors_to_body
 from ppc_attitude.science.kernel import STRAIGHT
+from ppc_attitude.science.kinds import SENSORS
+from ppc_attitude.science.parameter import NodeParameters
 
 RECORDED, EXACT, UNKNOWN = "recorded", "exact", "unknown"
 STANDING = {
@@ -145,6 +149,17 @@ def errors_of(attitudes: Array, bases: Array) -> Errors:
     quaternions = np.empty_like(first)
     attitude_errors(first, second, quaternions)
     return Errors(quaternions.T)
+
+
+def told_noise(parameters: NodeParameters) -> float:
+    """σ of the attitude [rad] that the sensors tell, as they declare it; 0 if they declare none."""
+    plant = parameters.get(PLANT, {})
+    sensors = SENSORS.selected(plant)
+    if sensors is not None and sensors.noise is not None:
+        with suppress(KeyError, TypeError, ValueError, OverflowError):  # a bag may hold anything
+            rate = float(plant.get("rate", 1.0))
+            return math.sqrt(sensors.noise({**sensors.defaults, **plant}, rate)[0])
+    return 0.0
 
 
 def reference_rates_in_body(record: RunRecord) -> Array:

@@ -225,7 +225,7 @@ class Component:
         Of sensors or an estimator that tell the law its motion: from parameter values and the steps
         per second [Hz] to variances of attitude [rad²] and bias of the rate [rad²/s²] on the worst
         axis, once they have settled, and σ of the rate's white noise [rad/√s]. `check` compares the
-        envelopes with them.
+        envelopes with them, and a verdict what sensors told with the truth.
     conditions : callable
         From parameter values and a `Task` to the conditions that `check` tells.
     observes : bool

@@ -22,10 +22,11 @@ import numpy as np
 import outside_parts
 
 from ppc_attitude.science.actuators import ideal
+from ppc_attitude.science.attitude import euler_step, kinematics, normalised
 from ppc_attitude.science.component import BODY, VECTOR, Column, Component
 from ppc_attitude.science.controllers.common import ATTITUDE_ENVELOPE
 from ppc_attitude.science.disturbances import pulses
-from ppc_attitude.science.kernel import kernel
+from ppc_attitude.science.kernel import kernel, quaternion, store, store_quaternion, vector
 from ppc_attitude.science.parameter import Parameter, filled, record_type
 from ppc_attitude.science.plants.gyrostat import COMPONENT as GYROSTAT
 from ppc_attitude.science.sensors.direct import SEED
@@ -33,7 +34,9 @@ from ppc_attitude.science.signals import (
     ANGULAR_VELOCITY,
     ENVIRONMENT_TORQUE,
     REFERENCE_ATTITUDE,
+    TOLD,
     TORQUE_COMMAND,
+    TRUTH,
 )
 from ppc_attitude.science.wheels import PARAMETERS as WHEELS
 
@@ -107,6 +110,14 @@ def step_failing_sensors(inputs: Any, state: Any, configuration: Any, outputs: A
 
 
 @kernel
+def step_tilted(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
+    """Tell another attitude than there is, by 2e-4 rad."""
+    q = quaternion(inputs.truth_attitude)
+    store_quaternion(outputs.attitude, normalised(euler_step(q, 1.0, kinematics(q, (2e-4, 0, 0)))))
+    store(outputs.angular_velocity, vector(inputs.truth_angular_velocity))
+
+
+@kernel
 def step_table(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     """Know nothing of what comes after a while."""
     if inputs.t > 0.1:
@@ -175,6 +186,13 @@ MADE: dict[str, Callable[[], Component]] = {
     "of_money": lambda: with_column(LAW, unit="$"),
     "of_no_unit": lambda: with_column(LAW, unit=""),
     "of_no_frame": lambda: with_column(LAW, frame=""),
+    "tilted": lambda: Component(
+        name="",
+        inputs=TRUTH,
+        outputs=TOLD,
+        step=step_tilted,
+        noise=lambda values, rate: (1e-12, 0.0, 0.0),
+    ),
     "hasty": lambda: replace(SENSORS, inputs=(*SENSORS.inputs, TORQUE_COMMAND)),
     "no_limit": lambda: replace(ideal.COMPONENT, limits=("nowhere",)),
     "no_quiet": lambda: replace(ideal.COMPONENT, quiet={"nowhere": 0.0}),
