@@ -24,6 +24,7 @@ from craft_helpers import ROOT
 from docs_helpers import PAGES, table
 
 from ppc_attitude.contract.parameters import PARAMETERS
+from ppc_attitude.contract.topics import BESIDE, OF_A_RUN
 
 GENERATE = runpy.run_path(str(ROOT / "docs" / "generate.py"))
 
@@ -72,6 +73,6 @@ def test_json_is_described_key_by_key(ask: Ask) -> None:
 
 def test_every_node_and_configuration_is_listed() -> None:
     page = ROOT / "docs/reference.md"
-    assert {row[0] for row in table(page, "| node |")} == set(PARAMETERS)
+    assert {row[0] for row in table(page, "| node |")} == set(PARAMETERS) == {*OF_A_RUN, *BESIDE}
     listed = {row[0] for row in table(page, "| file |")}
     assert listed == {f"config/{path.name}" for path in (ROOT / "config").glob("*.yaml")}

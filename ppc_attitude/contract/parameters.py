@@ -22,6 +22,7 @@ from collections import UserDict
 from functools import cache
 
 from ppc_attitude.contract.topics import (
+    BESIDE,
     DISTURBANCE,
     HOSTED,
     INJECTOR,
@@ -131,6 +132,7 @@ OWN: dict[str, tuple[Parameter, ...]] = {
     PLANT: _PLANT,
     INJECTOR: _INJECTOR,
     RECORDER: _RECORDER,
+    **dict.fromkeys(BESIDE, ()),
     MARKERS: _MARKERS,
 }
 """Parameters that a node has whatever components it runs."""

@@ -68,12 +68,14 @@ INJECTOR = "disturbance_injector"
 ESTIMATOR = "attitude_estimator"
 ALLOCATOR = "wheel_allocator"
 RECORDER = "bag_recorder"
-MARKERS = "attitude_markers"  # draws the run for RViz and Foxglove; no run needs it
+MARKERS = "attitude_markers"  # draws the run for RViz and Foxglove
 NODES = (PLANT, REFERENCE, CONTROLLER, INJECTOR, RECORDER)
 """The nodes of every run."""
 OPTIONAL = (ESTIMATOR, ALLOCATOR)
 """Nodes that a run has if a component of theirs is selected."""
 OF_A_RUN = (*OPTIONAL, *NODES)
+BESIDE = (MARKERS,)
+"""Nodes that no run needs."""
 SOURCES = (PLANT, ESTIMATOR, REFERENCE, CONTROLLER, ALLOCATOR, INJECTOR)  # of a run's samples
 
 HOSTED: dict[str, tuple[Kind, ...]] = {
