@@ -96,6 +96,9 @@ def test_rate_errors_are_compared_where_both_have_envelopes(runs):
     assert list(drawn) == names[:2]
     why = "the record has no sample of 'control/rate_envelope'"
     assert lacking == [f"comparison_rate_error is not drawn: {plain[1].source}: {why}"]
+    other = replace(plain[1], controller="log_barrier", parameters={})
+    _, (lacks,) = comparisons_of(measured([runs[0], other]))
+    assert lacks.endswith(f"{other.source}: no component bounds the rate error")
     panel = error_comparison(measured(runs), LABELS, ENVELOPES[1]).axes[0]
     assert panel.get_yscale() == "log"
     z2 = np.rad2deg(np.abs(runs[0]["rate_error"][:, 0]))

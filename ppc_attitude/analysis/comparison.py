@@ -84,6 +84,8 @@ def error_comparison(runs: Sequence[Measured], labels: Sequence[str], envelope: 
     series: list[_Series] = []
     for run in runs:
         bound = bound_of(run.record, envelope.error)
+        if not bound:
+            raise AnalysisError(f"{run.record.source}: no component bounds the {envelope.name}")
         error = factor * np.abs(vectors(run.record, envelope.error))
         series.append((run.t, error, factor * vectors(run.record, bound)))
     widest = max(values.shape[1] for _, values, _ in series)
