@@ -42,7 +42,7 @@ def completions(line: str, tmp_path: Path) -> list[str]:
 @pytest.mark.parametrize(
     ("line", "offered"),
     [
-        ("ppc_attitude c", ["compare", "check", "campaign"]),
+        ("ppc_attitude cam", ["campaign"]),
         pytest.param("ppc_attitude run --real", ["--realtime"], marks=pytest.mark.long),
         ("ppc_attitude run --controller log", ["log_barrier"]),
     ],
