@@ -36,6 +36,7 @@ from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
     ATTITUDE,
+    ESTIMATOR,
     PLANT,
     REFERENCE_ATTITUDE,
     REFERENCE_RATE,
@@ -44,7 +45,7 @@ from ppc_attitude.contract.topics import (
 )
 from ppc_attitude.science.attitude import attitude_errors, rotation_angles, vectors_to_body
 from ppc_attitude.science.kernel import STRAIGHT
-from ppc_attitude.science.kinds import SENSORS
+from ppc_attitude.science.kinds import ESTIMATORS, SENSORS
 from ppc_attitude.science.parameter import NodeParameters
 
 RECORDED, EXACT, UNKNOWN = "recorded", "exact", "unknown"
@@ -152,9 +153,12 @@ def errors_of(attitudes: Array, bases: Array) -> Errors:
 
 
 def told_noise(parameters: NodeParameters) -> float:
-    """σ of the attitude [rad] that the sensors tell, as they declare it; 0 if they declare none."""
-    plant = parameters.get(PLANT, {})
-    sensors = SENSORS.selected(plant)
+    """σ of the attitude [rad] that the sensors tell the law, as they declare it; 0 if they do not.
+
+    It is 0 too where an estimator stands between them.
+    """
+    plant, estimator = parameters.get(PLANT, {}), parameters.get(ESTIMATOR, {})
+    sensors = None if ESTIMATORS.selected(estimator) else SENSORS.selected(plant)
     if sensors is not None and sensors.noise is not None:
         with suppress(KeyError, TypeError, ValueError, OverflowError):  # a bag may hold anything
             rate = float(plant.get("rate", 1.0))
