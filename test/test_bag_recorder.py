@@ -324,6 +324,23 @@ def test_a_recorder_listens_to_whoever_a_node_of_the_run_listens_to(tmp_path: Pa
             node.destroy_node()
 
 
+def test_a_recorder_listens_to_both_of_two_nodes_by_one_name(tmp_path: Path) -> None:
+    """It listened to one: the run stalled, and named neither."""
+    topics = ["control/one", "control/other"]
+    told = json.dumps({"samples": {CONTROLLER: topics}})
+    with recorder_into(tmp_path / "bag", f"run_info:='{told}'") as beside:
+        contexts, sent = [rclpy.Context() for _ in topics], list[Publisher]()
+        for context, topic in zip(contexts, topics, strict=True):  # as if in processes of their own
+            rclpy.init(context=context)
+            node = rclpy.create_node(CONTROLLER, context=context)
+            sent.append(node.create_publisher(QuaternionStamped, topic, 1))
+        beside.until(
+            lambda: beside.node.wake() > 0.0 and all(each.get_subscription_count() for each in sent)
+        )
+        for context in contexts:
+            context.shutdown()
+
+
 def test_who_waits_for_the_recorder_reports_that_and_nothing_else() -> None:
     said: list[DiagnosticStatus] = []
     with living(ReferenceGenerator, "wait_for_recorder:=true") as node:

@@ -93,12 +93,19 @@ class RunGraph:
             for home, nodes in told.items()
         }
         self._read: dict[str, set[str]] = {home: set(_NAMES) for home in told}
+        self._sources = {
+            f"{home}/{topic}": (home, topic, node)
+            for home, nodes in told.items()
+            for node, topics in nodes.items()
+            for topic in topics
+        }
 
     def look(self) -> Iterator[tuple[str, Topic]]:
         """Yield every topic that a node of a run publishes now, with the run's namespace."""
+        seen = self._node.get_node_names_and_namespaces()
         found = {
             (name, namespace, namespace.rstrip("/"))
-            for name, namespace in self._node.get_node_names_and_namespaces()
+            for name, namespace in seen
             if namespace.rstrip("/") in self._known and name != RECORDER
         }
         for name, namespace, home in found:
@@ -117,6 +124,11 @@ class RunGraph:
                     column = short if short in self.promised[home] else ""
                     if self._can_be_written(short, msgtype):
                         yield home, Topic(short, msgtype, source=name, column=column)
+        if len(set(seen)) < len(seen):  # of two nodes by one name ROS tells the topics of one
+            for full, (msgtype, *_) in self._node.get_topic_names_and_types():
+                if full in self._sources:
+                    home, short, name = self._sources[full]
+                    yield home, Topic(short, msgtype, source=name, column=short)
 
     def _can_be_written(self, name: str, msgtype: str) -> bool:
         reason = "" if BagWriter.knows(msgtype) else f"its type {msgtype} is not in ROS 2 Jazzy"
