@@ -220,15 +220,6 @@ def test_a_search_that_is_asked_to_end_in_its_last_generation_has_ended(
     assert "of 13 runs" in said.out
 
 
-def test_a_search_of_many_generations_fills_no_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Ask
-) -> None:
-    monkeypatch.delenv("TQDM_MININTERVAL")
-    monkeypatch.setattr("ppc_attitude.falsify.search.evaluated", lambda *_: 0.0)
-    told = ask("falsify", "--duration=5", "--pieces=3", "--runs=130", f"--out={tmp_path}").err
-    assert told.count("\r") < 5, "ten generations, each with a line of its own"
-
-
 def test_the_worst_case_is_a_configuration_that_gives_the_value(tmp_path: Path, ask: Ask) -> None:
     overlays = [f"--config={path}" for path in configs("paper", "guaranteed")]
     bounds = ["--runs=40", "--pieces=3", f"--out={tmp_path}", "--duration=30", "--goal=terminal"]

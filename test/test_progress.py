@@ -16,8 +16,10 @@
 
 import io
 import sys
+from pathlib import Path
 
 import pytest
+from conftest import Ask
 
 from ppc_attitude.command_line.progress import progress_bar
 
@@ -47,3 +49,12 @@ def test_a_bar_fills_no_file(
         bar.update(1.0)
         bar.update(2.0)
     assert "3.0/3.0" in sys.stderr.getvalue()
+
+
+def test_a_search_of_many_generations_fills_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Ask
+) -> None:
+    monkeypatch.delenv("TQDM_MININTERVAL")
+    monkeypatch.setattr("ppc_attitude.falsify.search.evaluated", lambda *_: 0.0)
+    told = ask("falsify", "--duration=5", "--pieces=3", "--runs=130", f"--out={tmp_path}").err
+    assert told.count("\r") < 5, "ten generations, each with a line of its own"
