@@ -65,10 +65,12 @@ class TorqueGate:
         That there is none at first is not told, because a filter needs a while.
         """
         sees = any(attitude)
-        told = sees != self._sees and self._has_seen
-        self._sees, self._has_seen = sees, self._has_seen or sees
+        if sees == self._sees:
+            return []
+        self._sees, had_seen = sees, self._has_seen
+        self._has_seen = True
         text = f"{ATTITUDE.name} is known again" if sees else _NO_ATTITUDE
-        return [Advice(f"{text} from t = {seconds(stamp_ns):.3f} s on", not sees)] * told
+        return [Advice(f"{text} from t = {seconds(stamp_ns):.3f} s on", not sees)] * had_seen
 
     def passed(self, outputs: dict[str, Values], limit: float) -> dict[str, Values]:
         """Return what a law gives, by column; its torque is zero unless the gate is enabled."""
