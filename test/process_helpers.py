@@ -70,9 +70,10 @@ def ran(
 
 
 def niceness(pid: int) -> list[int]:
-    """Niceness of the threads of a process that leads a session, and of that session."""
+    """Niceness, beyond ours, of the threads of a process; and that of the session it leads."""
+    ours = os.getpriority(os.PRIO_PROCESS, 0)
     threads = [int(thread.name) for thread in Path(f"/proc/{pid}/task").iterdir()]
-    found = {os.getpriority(os.PRIO_PROCESS, thread) for thread in threads}
+    found = {os.getpriority(os.PRIO_PROCESS, thread) - ours for thread in threads}
     with suppress(OSError):  # the kernel shares the processor among processes alone
         found.add(int(Path(f"/proc/{pid}/autogroup").read_text().split()[-1]))
     return sorted(found)

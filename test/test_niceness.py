@@ -25,11 +25,19 @@ LAST = "from ppc_attitude.processes.child import come_last; come_last(); print('
 STARTS = "import subprocess, sys; subprocess.run([sys.executable, '-c', *sys.argv[1:]])"
 
 
-@pytest.mark.parametrize(("words", "expected"), [((LAST,), [5]), ((STARTS, LAST), [0])])
+NICE = "import os, sys; os.nice(7); os.execv(sys.executable, [sys.executable, '-c', *sys.argv[1:]])"
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"), [((LAST,), [5]), ((STARTS, LAST), [0]), ((NICE, LAST), [5, 12])]
+)
 def test_who_comes_last_leaves_the_session_of_others_alone(
     words: tuple[str, ...], expected: list[int], start_process: StartProcess
 ) -> None:
-    """A session of one's own comes last as a whole; that of a terminal holds others as well."""
+    """A session of one's own comes last as a whole; that of a terminal holds others as well.
+
+    What the user runs at a niceness of 7 comes after that, and not before it.
+    """
     process = start_process([sys.executable, "-c", *words], stdin=subprocess.PIPE)
     assert process.stdout is not None
     assert process.stdout.readline() == "so\n"

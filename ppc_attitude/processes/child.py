@@ -40,7 +40,7 @@ _START = str(Path(__file__).resolve().with_name("start.py"))
 _KILLED_AFTER = 5.0  # [s] how long a process may take to end when it was killed
 _SPEAKS_WITHIN = 0.5  # [s] within which a process says where it hangs
 _GLANCE = 0.02  # [s] between two looks at a process that is to end
-_LAST = 5  # niceness of a process that comes last; 10 makes no step shorter
+_LAST = 5  # niceness by which a process comes last; 10 makes no step shorter
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 Handler: TypeAlias = Callable[[int, FrameType | None], object] | signal.Handlers
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT) + (
@@ -239,7 +239,9 @@ def come_last() -> None:
     """
     for thread in Path("/proc/self/task").glob("*"):
         with contextlib.suppress(OSError):  # it has ended
-            os.setpriority(os.PRIO_PROCESS, int(thread.name), _LAST)
+            number = int(thread.name)
+            began = os.getpriority(os.PRIO_PROCESS, number)  # the user's own: nice ppc_attitude run
+            os.setpriority(os.PRIO_PROCESS, number, began + _LAST)
     with contextlib.suppress(OSError):  # a kernel without autogroup shares among processes alone
         if os.getsid(0) == os.getpid():
             Path("/proc/self/autogroup").write_text(str(_LAST), encoding="ascii")
