@@ -36,9 +36,7 @@ from ppc_attitude.contract.cdr import Codec, encode_clock, header_stamp
 from ppc_attitude.contract.declared import BY_NAME
 from ppc_attitude.contract.topics import CLOCK_TOPIC, Topic
 from ppc_attitude.nodes.discovery import tune_transport
-from ppc_attitude.nodes.executors import new_executor
-from ppc_attitude.nodes.messages import publisher_of, subscribe
-from ppc_attitude.nodes.qos import PEER, recorded
+from ppc_attitude.nodes.messages import PEER, new_executor, publisher_of, recorded, subscribe
 from ppc_attitude.nodes.running import stop_requests
 from ppc_attitude.processes.leaving import leaving
 from ppc_attitude.science.component import QUATERNION

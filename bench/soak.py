@@ -36,8 +36,7 @@ from ppc_attitude.command_line.stack import Stack, StackError
 from ppc_attitude.command_line.stopping import stop_on_signals
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import ATTITUDE, NODES, PLANT, RECORDER
-from ppc_attitude.nodes.messages import subscribe
-from ppc_attitude.nodes.qos import ONLOOKER
+from ppc_attitude.nodes.messages import ONLOOKER, subscribe
 from ppc_attitude.nodes.visiting import listening, visiting
 from ppc_attitude.processes.exits import BROKEN, DONE
 from ppc_attitude.simulation.closed_loop import warm_up

@@ -32,9 +32,7 @@ from synthetic import SAMPLED
 
 from ppc_attitude.contract.cdr import Codec, Sample
 from ppc_attitude.contract.topics import APPLIED_TORQUE, DIAGNOSTICS_TOPIC, TORQUE_COMMAND, Topic
-from ppc_attitude.nodes.executors import new_executor
-from ppc_attitude.nodes.messages import message_class
-from ppc_attitude.nodes.qos import published
+from ppc_attitude.nodes.messages import message_class, new_executor, published
 from ppc_attitude.science.stamps import stamp_of
 
 _ASK_AGAIN = 10.0  # [s]

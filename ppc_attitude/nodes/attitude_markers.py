@@ -45,8 +45,7 @@ from ppc_attitude.nodes.marker_shapes import (
     header,
     transform,
 )
-from ppc_attitude.nodes.messages import LatestSamples, publisher_of, subscribe
-from ppc_attitude.nodes.qos import LATE_PEER
+from ppc_attitude.nodes.messages import LATE_PEER, LatestSamples, publisher_of, subscribe
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.health import OK, STALE, Status
 from ppc_attitude.science.attitude import rotate

@@ -56,10 +56,16 @@ from ppc_attitude.contract.topics import (
 from ppc_attitude.contract.versions import versions
 from ppc_attitude.contract.whole_file import dated
 from ppc_attitude.nodes.base import BaseNode
-from ppc_attitude.nodes.executors import Flow
-from ppc_attitude.nodes.messages import Take, changed, message_class, take_gathered
+from ppc_attitude.nodes.messages import (
+    Flow,
+    Take,
+    changed,
+    message_class,
+    published,
+    recorded,
+    take_gathered,
+)
 from ppc_attitude.nodes.publisher_watch import publishing_nodes
-from ppc_attitude.nodes.qos import published, recorded
 from ppc_attitude.nodes.run_graph import (
     ParameterSurvey,
     RunGraph,

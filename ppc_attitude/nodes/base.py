@@ -35,8 +35,14 @@ from ppc_attitude.contract.topics import (
     STANDARD,
     Topic,
 )
-from ppc_attitude.nodes.executors import new_executor
-from ppc_attitude.nodes.messages import Inbox, changed, diagnostics, publisher_of, subscribe
+from ppc_attitude.nodes.messages import (
+    Inbox,
+    changed,
+    diagnostics,
+    new_executor,
+    publisher_of,
+    subscribe,
+)
 from ppc_attitude.nodes.parameters import NodeParameters
 from ppc_attitude.nodes.publisher_watch import PublisherWatch, node_of, publishing_nodes
 from ppc_attitude.processes.exits import BROKEN, DONE

@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from ppc_attitude.contract.cdr import header_stamp
 from ppc_attitude.contract.topics import ATTITUDE, TORQUE_COMMAND, Topic
-from ppc_attitude.nodes.messages import subscribe
-from ppc_attitude.nodes.qos import recorded
+from ppc_attitude.nodes.messages import recorded, subscribe
 from ppc_attitude.nodes.visiting import listening, visiting
 from ppc_attitude.science.stamps import seconds
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Messages in and out of a node: bytes to checked numbers, numbers to bytes.
+"""Messages in and out of a node: quality of service, executor, bytes to checked numbers and back.
 
 Raw subscriptions and publishers carry CDR bytes; `contract.cdr` packs and unpacks them. What
 arrives is checked here, once for all nodes: frame, finite numbers, unit quaternions.
@@ -25,16 +25,24 @@ from importlib import import_module
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_parameter_events
 from rclpy.subscription import Subscription
 from rclpy.time import Time
 from std_msgs.msg import Header
 
 from ppc_attitude.contract.cdr import LARGEST, CdrError, Codec, Sample, finite
-from ppc_attitude.contract.topics import ATTITUDE, Topic
-from ppc_attitude.nodes.qos import ONLOOKER, PEER, published
+from ppc_attitude.contract.topics import (
+    ATTITUDE,
+    CLOCK_TOPIC,
+    GUIDANCE_STATUS,
+    PARAMETER_EVENTS_TOPIC,
+    RECORDED_TOPIC,
+    Topic,
+)
 from ppc_attitude.runtime.health import Status
 from ppc_attitude.runtime.stamps import RefusedError
 from ppc_attitude.science.component import (
@@ -56,6 +64,42 @@ Take = Callable[..., None]  # (message, about): rclpy gives the second, its type
 _NOTHING = {GYRO: (0.0, 0.0, 0.0, -1.0), FIX: (0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0)}
 _OF_MOTION = ("rad/s", "rad/s²", "N·m")
 _NO_FORCE = bytes(24)  # as the numbers of a wrench begin, whose end is the torque
+# Publishers keep so many messages for a recorder that lags; the plant in lock-step never runs
+# further ahead of it (`runtime.pace`). A subscriber that joins late gets none of them.
+_KEPT = 5000
+# A peer reads all that is sent from now on. If it lags on a busy machine, this queue still holds
+# the states to be answered, so the record has no gap.
+PEER = QoSProfile(
+    depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE
+)
+# A subscriber that joins late also gets what was kept; a volatile publisher does not match it.
+LATE_PEER = QoSProfile(
+    depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+# An onlooker never holds up a publisher, and needs the newest message only.
+ONLOOKER = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.VOLATILE
+)
+
+
+def published(topic: Topic) -> QoSProfile:
+    """QoS that our publisher of a topic offers."""
+    depth = _KEPT if topic.column else 1 if topic in (CLOCK_TOPIC, RECORDED_TOPIC) else 10
+    late = topic == GUIDANCE_STATUS  # a reader that comes late gets the last ones
+    kept = DurabilityPolicy.TRANSIENT_LOCAL if late else DurabilityPolicy.VOLATILE
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=kept)
+
+
+def recorded(topic: Topic, reliable: bool = True) -> QoSProfile:
+    """QoS with which the recorder reads a topic; reliable unless no publisher of it is."""
+    if topic is PARAMETER_EVENTS_TOPIC:
+        return qos_profile_parameter_events
+    # Of a clock the latest is enough; its reader must not hold up anybody.
+    best_effort = topic is CLOCK_TOPIC or not reliable
+    return QoSProfile(
+        depth=10 * _KEPT if topic.column else _KEPT,
+        reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
+    )
 
 
 def message_class(msgtype: str) -> Any:
@@ -155,6 +199,15 @@ class Inbox:
         return RefusedError(f"{self._topic.name}: {reason}")
 
 
+def new_executor() -> Executor:
+    """Return the events executor where rclpy has it: it costs a fifth of the standard one."""
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor
+    except ImportError:
+        return SingleThreadedExecutor()
+    return EventsExecutor()
+
+
 def take_gathered(subscription: Any) -> bool:
     """Call a subscription's callback with each waiting message and what rclpy says about it.
 
@@ -168,6 +221,19 @@ def take_gathered(subscription: Any) -> bool:
             found = True
             receive(*message)
     return found
+
+
+class Flow(ReentrantCallbackGroup):
+    """Messages that the executor leaves to the node itself while there are many of them.
+
+    The standard executor takes messages first, so that in full flow no service has its turn.
+    """
+
+    full = False
+
+    def can_execute(self, entity: Any) -> bool:
+        """True if the executor may take what has come; events that are no messages always."""
+        return not (self.full and isinstance(entity, Subscription))
 
 
 class LatestSamples:

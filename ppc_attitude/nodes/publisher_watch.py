@@ -21,8 +21,7 @@ from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from ppc_attitude.contract.topics import Topic
-from ppc_attitude.nodes.messages import Inbox, Take, message_class, take_gathered
-from ppc_attitude.nodes.qos import recorded
+from ppc_attitude.nodes.messages import Inbox, Take, message_class, recorded, take_gathered
 from ppc_attitude.runtime.publishers import Publishers
 from ppc_attitude.runtime.stamps import RefusedError
 

@@ -28,7 +28,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.validate_namespace import validate_namespace
 
 from ppc_attitude.nodes.discovery import DOMAIN, check_discovery
-from ppc_attitude.nodes.executors import new_executor
+from ppc_attitude.nodes.messages import new_executor
 from ppc_attitude.nodes.running import check_name, refusals_of_ros
 from ppc_attitude.processes.exits import BROKEN, RunError
 from ppc_attitude.processes.leaving import leaving
