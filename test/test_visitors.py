@@ -50,7 +50,7 @@ from ppc_attitude.contract.topics import (
     TORQUE_COMMAND,
     Topic,
 )
-from ppc_attitude.nodes import goto, inject, visiting
+from ppc_attitude.nodes import goto, visiting
 from ppc_attitude.nodes.messages import message_class, publisher_of
 from ppc_attitude.processes import exits
 from ppc_attitude.science.stamps import stamp_of
@@ -233,10 +233,10 @@ def test_a_request_whose_answer_is_lost_is_sent_again_by_its_name(
     node = SimpleNamespace(
         create_client=lambda *given: client, resolve_service_name=lambda name: f"/{name}"
     )
-    monkeypatch.setattr(inject, "visiting", lambda *given: nullcontext(node))
+    monkeypatch.setattr(visiting, "visiting", lambda *given: nullcontext(node))
     monkeypatch.setattr(visiting, "_AGAIN", 0.0)
     monkeypatch.setattr(visiting, "listening", lambda node: nullcontext(lambda patience: None))
-    assert [inject.inject(TORQUE, 0.0, None, "") for _ in range(2)] == ["acts", "acts"]
+    assert [visiting.inject(TORQUE, 0.0, None, "") for _ in range(2)] == ["acts", "acts"]
     assert sent[0] == sent[1] == sent[2] != sent[3]
 
 

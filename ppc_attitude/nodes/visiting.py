@@ -12,26 +12,32 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Tools of commands that visit a running stack: a node for a while, and patience."""
+"""Visits of commands to a running stack: a node for a while, patience, and an injection."""
 
 import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from typing import Any
+from uuid import uuid4
 
 import rclpy
 import rclpy.utilities
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.executors import Executor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.validate_namespace import validate_namespace
 
+from ppc_attitude.contract.topics import INJECTOR
 from ppc_attitude.nodes.discovery import DOMAIN, check_discovery
 from ppc_attitude.nodes.messages import new_executor
 from ppc_attitude.nodes.running import check_name, refusals_of_ros
 from ppc_attitude.processes.exits import BROKEN, RunError
 from ppc_attitude.processes.leaving import leaving
+from ppc_attitude.science.errors import ConfigurationError
 
 _PATIENCE = 30.0  # [s] for a node to be found and to answer; a machine may be busy
 _LOOK = 0.05  # [s] between two looks for an answer
@@ -119,3 +125,43 @@ def await_answer(
                 asked = now
                 ask()
             listen(_LOOK)
+
+
+def inject(torque: tuple[float, ...], at: float, duration: float | None, namespace: str) -> str:
+    """Inject a torque [N·m] in body axes; return from when to when it acts, as the injector says.
+
+    It begins at the simulated time `at` [s], or now if that is 0 or past. Without a duration [s] it
+    acts for the injector's `injection_duration`.
+
+    Raises
+    ------
+    ConfigurationError
+        The namespace is invalid, or the injector refuses.
+    TimeoutError
+        No injector answered.
+    """
+    # By its name the injector knows a request that is sent again, and adds the torque once.
+    wishes = {"torque": list(torque), "start": at, "duration": duration, "request": uuid4().hex}
+    parameters = [
+        Parameter(key, value=value).to_parameter_msg()
+        for key, value in wishes.items()
+        if value is not None
+    ]
+    request = SetParametersAtomically.Request(parameters=parameters)
+    calls: list[Any] = []
+    with visiting("inject", namespace) as node:
+        client = node.create_client(SetParametersAtomically, f"{INJECTOR}/inject")
+        name = node.resolve_service_name(f"{INJECTOR}/inject")
+        complaint = f"no node offers the service {name}: a stack must run there"
+        await_answer(node, client.service_is_ready, complaint)
+        unknown = "whether the torque acts is not known; disturbance/torque shows it"
+        await_answer(
+            node,
+            lambda: any(each.done() for each in calls),
+            f"{name} did not answer: {unknown}",
+            lambda: calls.append(client.call_async(request)),
+        )
+        result = next(each for each in calls if each.done()).result().result
+    if not result.successful:
+        raise ConfigurationError(result.reason)
+    return str(result.reason)

@@ -27,8 +27,7 @@ from itertools import zip_longest
 from math import inf
 
 from ppc_attitude.contract.topics import ATTITUDE, OWNED, TRUE_ATTITUDE
-from ppc_attitude.runtime.lanes import Lane, Stretch, Told
-from ppc_attitude.runtime.rhythm import Rhythm
+from ppc_attitude.runtime.lanes import Lane, Rhythm, Stretch, Told
 from ppc_attitude.science.stamps import NANOSECONDS
 
 _LEAD = ATTITUDE.name

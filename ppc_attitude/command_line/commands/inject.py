@@ -46,7 +46,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Inject and say what the injector answered."""
-    from ppc_attitude.nodes.inject import inject
+    from ppc_attitude.nodes.visiting import inject
 
     torque = (arguments.x, arguments.y, arguments.z)
     print(inject(torque, arguments.at or 0.0, arguments.duration, arguments.namespace))
