@@ -55,7 +55,7 @@ CHILD = """
 import resource, sys
 from pathlib import Path
 from ppc_attitude.bags.errors import BagError
-from ppc_attitude.bags.marks import write_unfinished
+from ppc_attitude.bags.custom_data import write_unfinished
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.recover import recover
 from ppc_attitude.science.errors import ConfigurationError

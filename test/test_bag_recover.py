@@ -35,8 +35,8 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin
 from synthetic import SAMPLED, normal_run
 
+from ppc_attitude.bags.custom_data import METADATA, UNFINISHED
 from ppc_attitude.bags.errors import BagError
-from ppc_attitude.bags.marks import METADATA, UNFINISHED
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.recover import recover
 from ppc_attitude.bags.run_writer import write_run

@@ -29,9 +29,9 @@ from conftest import StartProcess
 from process_helpers import room_for, until
 from synthetic import normal_run
 
+from ppc_attitude.bags.custom_data import UNFINISHED
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.folder import Bag
-from ppc_attitude.bags.marks import UNFINISHED
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.recover import recover
 from ppc_attitude.bags.writer import BagWriter

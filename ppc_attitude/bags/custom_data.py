@@ -12,19 +12,29 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Facts about a run in its bag besides messages: rosbag2's custom data, under our own keys."""
+"""What a bag says besides messages: facts about its run, and whether it is finished.
 
+The facts are rosbag2's custom data, under our own keys; the folder holds a mark and a lock while
+the bag is being recorded.
+"""
+
+import fcntl
 import json
+import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
-from ppc_attitude.bags.errors import all_printable, printable, shortened
+from ppc_attitude.bags.errors import BagError, all_printable, printable, shortened
 from ppc_attitude.contract.parameters import PARAMETERS
 from ppc_attitude.contract.topics import CONTROLLER
+from ppc_attitude.contract.whole_file import write_whole
 from ppc_attitude.contract.yaml_file import parsed, parsed_json
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import NodeParameters
 
+METADATA = "metadata.yaml"
+UNFINISHED = "unfinished.json"  # custom data of a bag that is being recorded, or was cut
 CONTROLLER_KEY = "ppc_attitude.controller"
 PARAMETERS_KEY = "ppc_attitude.parameters"
 METADATA_KEY = "ppc_attitude.metadata"
@@ -164,3 +174,42 @@ def _told(custom_data: Mapping[str, str], key: str, kind: Any, flaws: list[str])
         flaws.append(f"the bag's {key} cannot be read: {error}")
         return kind()
     return value if isinstance(value, kind) else kind()
+
+
+def write_unfinished(folder: Path, custom_data: Mapping[str, str]) -> None:
+    """Mark the bag in a folder as unfinished and keep its custom data, in one atomic step."""
+    write_whole(folder / UNFINISHED, json.dumps({"custom_data": dict(custom_data)}))
+
+
+def claimed(folder: Path) -> bool:
+    """Whether a living process holds a bag's folder."""
+    try:
+        os.close(_locked(folder, fcntl.LOCK_SH))
+    except OSError as error:  # or no folder, or a file system without locks
+        return isinstance(error, BlockingIOError)
+    return False
+
+
+def claim(folder: Path) -> int:
+    """Lock a bag's folder until the descriptor is closed or the process is gone.
+
+    Raises
+    ------
+    BagError
+        Another living process holds it.
+    """
+    try:
+        return _locked(folder, fcntl.LOCK_EX)
+    except BlockingIOError as error:
+        raise BagError(f"{folder} is still being recorded") from error
+
+
+def _locked(folder: Path, kind: int) -> int:
+    """Descriptor of a folder with a lock; BlockingIOError if another one is in its way."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise
+    return descriptor

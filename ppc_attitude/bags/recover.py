@@ -24,10 +24,9 @@ from typing import NamedTuple
 
 from rosbags.rosbag2.metadata import parse_qos
 
-from ppc_attitude.bags.custom_data import RECOVERED_KEY
+from ppc_attitude.bags.custom_data import METADATA, RECOVERED_KEY, UNFINISHED, claim
 from ppc_attitude.bags.errors import BagError, shortened
 from ppc_attitude.bags.folder import STORAGES, Bag
-from ppc_attitude.bags.marks import METADATA, UNFINISHED, claim
 from ppc_attitude.bags.source import Channel, payloads_of
 from ppc_attitude.bags.sqlite_source import settle
 from ppc_attitude.bags.writer import BagWriter

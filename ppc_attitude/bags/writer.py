@@ -41,8 +41,8 @@ from rosbags.rosbag2 import WriterError
 from rosbags.typesys import TypesysError
 
 from ppc_attitude.bags.changes import jazzy
+from ppc_attitude.bags.custom_data import UNFINISHED, claim, write_unfinished
 from ppc_attitude.bags.errors import BagError, shortened
-from ppc_attitude.bags.marks import UNFINISHED, claim, write_unfinished
 from ppc_attitude.bags.storage import PLUGINS, KillSafeWriter
 
 FLUSH_PERIOD = 0.5  # [s]; at most a second may be lost, so twice as often
