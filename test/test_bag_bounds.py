@@ -35,9 +35,9 @@ from process_helpers import ran
 from synthetic import SAMPLED, normal_run
 
 from ppc_attitude.bags.errors import BagError
-from ppc_attitude.bags.foreign import SMALL, UNFOLDS
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
+from ppc_attitude.bags.source import SMALL, UNFOLDS
 from ppc_attitude.bags.writer import BagWriter
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import ATTITUDE

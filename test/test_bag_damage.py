@@ -42,11 +42,10 @@ from synthetic import SAMPLED, normal_run, without_columns
 from ppc_attitude.bags import storage
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.folder import Bag, Source
-from ppc_attitude.bags.foreign import Allowance
 from ppc_attitude.bags.mcap_source import McapSource
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
-from ppc_attitude.bags.source import payloads_of
+from ppc_attitude.bags.source import Allowance, payloads_of
 from ppc_attitude.bags.sqlite_source import SqliteSource
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.declared import BY_COLUMN

@@ -38,8 +38,7 @@ from ppc_attitude.contract.topics import (
     REFERENCE_ATTITUDE,
     Topic,
 )
-from ppc_attitude.nodes.attitude_markers import AttitudeMarkers
-from ppc_attitude.nodes.marker_shapes import LONGEST
+from ppc_attitude.nodes.attitude_markers import LONGEST, AttitudeMarkers
 from ppc_attitude.nodes.messages import diagnostics, published
 from ppc_attitude.runtime.health import OK, Status
 from ppc_attitude.science.guidance import scene as guidance

@@ -17,7 +17,7 @@
 from collections.abc import Iterable
 
 from ppc_attitude.contract.topics import PLANT
-from ppc_attitude.runtime.stall import Stall
+from ppc_attitude.runtime.health import Stall
 
 CONTROLLER_WAITS = "waiting for reference/attitude"
 

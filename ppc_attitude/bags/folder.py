@@ -26,9 +26,18 @@ import numpy as np
 
 from ppc_attitude.bags.custom_data import METADATA, UNFINISHED, claimed, custom_data_of
 from ppc_attitude.bags.errors import BagError, shortened
-from ppc_attitude.bags.foreign import Allowance, demand_plain, plain_file, unzstd
 from ppc_attitude.bags.mcap_source import McapSource
-from ppc_attitude.bags.source import Block, Channel, Source, decompressed, merge_blocks
+from ppc_attitude.bags.source import (
+    Allowance,
+    Block,
+    Channel,
+    Source,
+    decompressed,
+    demand_plain,
+    merge_blocks,
+    plain_file,
+    unzstd,
+)
 from ppc_attitude.bags.sqlite_source import SqliteSource
 from ppc_attitude.contract.yaml_file import LARGEST, parsed, parsed_json
 

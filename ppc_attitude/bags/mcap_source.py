@@ -32,8 +32,17 @@ import numpy as np
 
 from ppc_attitude.bags.custom_data import custom_data_in
 from ppc_attitude.bags.errors import BagError, shortened
-from ppc_attitude.bags.foreign import Allowance, plain_file, unlz4, unzstd
-from ppc_attitude.bags.source import Block, Bytes, Channel, Integers, Source
+from ppc_attitude.bags.source import (
+    Allowance,
+    Block,
+    Bytes,
+    Channel,
+    Integers,
+    Source,
+    plain_file,
+    unlz4,
+    unzstd,
+)
 from ppc_attitude.science.kernel import kernel
 
 _MAGIC = b"\x89MCAP0\r\n"

@@ -32,8 +32,7 @@ import numpy as np
 
 from ppc_attitude.bags.custom_data import custom_data_in
 from ppc_attitude.bags.errors import BagError, shortened
-from ppc_attitude.bags.foreign import demand_plain, plain_file
-from ppc_attitude.bags.source import Block, Channel, Integers, Source
+from ppc_attitude.bags.source import Block, Channel, Integers, Source, demand_plain, plain_file
 
 _FUNCTIONS = {"group_concat", "length", "typeof"}
 _ANY = "TRUE"

@@ -35,7 +35,7 @@ from ppc_attitude.nodes.discovery import DOMAIN, MIDDLEWARE, RANGE, check_discov
 from ppc_attitude.processes.child import Child, starved
 from ppc_attitude.processes.exits import BAD_INPUT
 from ppc_attitude.processes.telling import AT, BROKEN, FINISHED, LINGERS, TIME, WAITING
-from ppc_attitude.runtime.stall import Stall
+from ppc_attitude.runtime.health import Stall
 from ppc_attitude.simulation.scenario import Scenario
 
 _PATIENCE = 20.0  # [s] of the processor's time for a process to end after it was asked to

@@ -18,12 +18,19 @@ It needs `tf2_ros` for TF. Of guidance it draws what `guidance/status` says, so 
 a bag that is played.
 """
 
+import math
 import sys
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Point, TransformStamped, Vector3
+from geometry_msgs.msg import Quaternion as QuaternionMessage
 from rclpy.node import Node
+from rclpy.time import Time
+from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ppc_attitude.contract.topics import (
@@ -36,24 +43,35 @@ from ppc_attitude.contract.topics import (
     REFERENCE_ATTITUDE,
 )
 from ppc_attitude.nodes.base import BaseNode
-from ppc_attitude.nodes.marker_shapes import (
-    CONE_LENGTH,
-    arrow,
-    axes,
-    box,
-    cone,
-    header,
-    transform,
-)
 from ppc_attitude.nodes.messages import LATE_PEER, LatestSamples, publisher_of, subscribe
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.health import OK, STALE, Status
 from ppc_attitude.science.attitude import rotate
-from ppc_attitude.science.component import BODY, DESIRED
+from ppc_attitude.science.component import BODY, DESIRED, INERTIAL
 from ppc_attitude.science.guidance.scene import Scene, heard
-from ppc_attitude.science.keep_out import angle_between
-from ppc_attitude.science.kernel import Quaternion, Vector, quaternion, scale, vector
+from ppc_attitude.science.keep_out import angle_between, perpendicular
+from ppc_attitude.science.kernel import (
+    Quaternion,
+    Vector,
+    add,
+    cross,
+    dot,
+    quaternion,
+    scale,
+    vector,
+)
 
+Colour = tuple[float, float, float]  # red, green, blue
+LONGEST = 2.0  # [m] of an arrow, whatever the torque
+_CONE_LENGTH = 2.0  # [m]
+_FACETS = 36
+_SHORTEST = 1e-3  # [m] shorter arrows are taken away: a viewer cannot draw them
+_BOX = (0.7, 0.6, 0.5)  # [m] longest along the axis of least inertia in the paper's craft
+_AXES = (
+    ((1.0, 0.0, 0.0), (0.90, 0.20, 0.20)),
+    ((0.0, 1.0, 0.0), (0.20, 0.75, 0.25)),
+    ((0.0, 0.0, 1.0), (0.25, 0.40, 0.95)),
+)
 _KEPT_OUT, _CLEAR = (0.85, 0.10, 0.10), (0.10, 0.80, 0.80)
 _TORQUES = (
     (APPLIED_TORQUE, "torque", "torque_scale", (1.0, 0.55, 0.0)),
@@ -100,17 +118,18 @@ class AttitudeMarkers(BaseNode):
         x, y, z = self.parameters["position"]
         position = (x, y, z)
         attitude = quaternion(state.values)
-        shown = [box(position, attitude), *axes(BODY, position, attitude, 1.0, 1.0)]
+        shown = [_box(position, attitude), *_axes(BODY, position, attitude, 1.0, 1.0)]
         frames = {BODY: attitude}
         desired = self._latest.get(REFERENCE_ATTITUDE)
         if desired is not None:
             frames[DESIRED] = quaternion(desired.values)
-            shown += axes(DESIRED, position, frames[DESIRED], 1.3, 0.4)
+            shown += _axes(DESIRED, position, frames[DESIRED], 1.3, 0.4)
         shown += self._torques(position, attitude)
         shown += self._guidance(position, attitude)
-        moved = [transform(self._prefix + name, position, q) for name, q in frames.items()]
+        moved = [_transform(self._prefix + name, position, q) for name, q in frames.items()]
+        header = Header(stamp=Time(nanoseconds=self._stamp).to_msg(), frame_id=INERTIAL)
         for each in (*shown, *moved):
-            each.header = header(self._stamp)
+            each.header = header
         self._publisher.publish(MarkerArray(markers=shown))
         if self._broadcaster is not None:
             self._broadcaster.sendTransform(moved)
@@ -124,7 +143,7 @@ class AttitudeMarkers(BaseNode):
             if sample is not None:
                 torque = rotate(attitude, vector(sample.values))
                 extent = scale(self.parameters[parameter], torque)
-                shown.append(arrow((name, 0), position, extent, (colour, 1.0, 0.04)))
+                shown.append(_arrow((name, 0), position, extent, (colour, 1.0, 0.04)))
         return shown
 
     def _on_guidance(self, message: DiagnosticArray) -> None:
@@ -139,14 +158,14 @@ class AttitudeMarkers(BaseNode):
         """Goal, keep-out cones, and the body axes that must keep out of them."""
         if self._scene is None:
             return []
-        shown = axes("goal", position, self._scene.goal, 1.6, 0.25)
+        shown = _axes("goal", position, self._scene.goal, 1.6, 0.25)
         for i, each in enumerate(self._scene.cones):
             pointed = rotate(attitude, each.axis)
             inside = angle_between(pointed, each.direction) < each.half_angle
-            shown.append(cone(i, position, each.direction, each.half_angle, _KEPT_OUT))
+            shown.append(_cone(i, position, each.direction, each.half_angle, _KEPT_OUT))
             look = (_KEPT_OUT if inside else _CLEAR, 1.0, 0.03)
-            extent = scale(CONE_LENGTH, pointed)
-            shown.append(arrow(("boresight", i), position, extent, look))
+            extent = scale(_CONE_LENGTH, pointed)
+            shown.append(_arrow(("boresight", i), position, extent, look))
         shown += [
             Marker(ns=name, id=i, action=Marker.DELETE)
             for name in ("keep_out", "boresight")
@@ -174,6 +193,91 @@ def _broadcaster(node: Node) -> Any:
         node.get_logger().info("tf2_ros is not installed, so no transforms go to /tf")
         return None
     return TransformBroadcaster(node)
+
+
+# Shapes. Positions [m] are in inertial axes; attitudes are from a frame to inertial.
+
+
+def _box(position: Vector, attitude: Quaternion) -> Marker:
+    """Return the craft."""
+    marker = _marker("craft", 0, Marker.CUBE, (0.75, 0.75, 0.80), 0.6)
+    marker.pose.position = _point(position)
+    marker.pose.orientation = _quaternion(attitude)
+    marker.scale = Vector3(x=_BOX[0], y=_BOX[1], z=_BOX[2])
+    return marker
+
+
+def _axes(
+    name: str, position: Vector, attitude: Quaternion, length: float, alpha: float
+) -> list[Marker]:
+    """Return the three axes of a frame, x y z in red, green and blue."""
+    return [
+        _arrow((name, k), position, scale(length, rotate(attitude, axis)), (colour, alpha, 0.02))
+        for k, (axis, colour) in enumerate(_AXES)
+    ]
+
+
+def _arrow(
+    identity: tuple[str, int], start: Vector, extent: Vector, look: tuple[Colour, float, float]
+) -> Marker:
+    """Return an arrow that begins at a place and goes so far [m].
+
+    Its identity is namespace and number of the marker, its look colour, opacity and shaft diameter
+    [m].
+    """
+    colour, alpha, diameter = look
+    marker = _marker(*identity, Marker.ARROW, colour, alpha)
+    length = math.sqrt(dot(extent, extent))
+    if length < _SHORTEST:
+        marker.action = Marker.DELETE
+        return marker
+    shown = scale(min(1.0, LONGEST / length), extent)
+    marker.points = [_point(start), _point(add(start, shown))]
+    marker.scale = Vector3(x=diameter, y=2.5 * diameter, z=4.0 * diameter)
+    return marker
+
+
+def _cone(
+    number: int, apex: Vector, direction: Vector, half_angle: float, colour: Colour
+) -> Marker:
+    """Return the mantle of a cone, whose axis is along a unit vector.
+
+    With a half angle [rad] above π/2 it opens backwards.
+    """
+    marker = _marker("keep_out", number, Marker.TRIANGLE_LIST, colour, 0.25)
+    marker.scale = Vector3(x=1.0, y=1.0, z=1.0)
+    turns = np.linspace(0.0, math.tau, _FACETS + 1)
+    u = perpendicular(direction)
+    across = np.outer(np.cos(turns), u) + np.outer(np.sin(turns), cross(direction, u))
+    edges = math.cos(half_angle) * np.array(direction) + math.sin(half_angle) * across
+    rim = map(_point, (apex + _CONE_LENGTH * edges).tolist())
+    for left, right in pairwise(rim):
+        marker.points += [_point(apex), left, right]
+    return marker
+
+
+def _transform(child: str, position: Vector, attitude: Quaternion) -> TransformStamped:
+    """Return the place of a frame in the inertial frame."""
+    result = TransformStamped(child_frame_id=child)
+    result.transform.translation = Vector3(x=position[0], y=position[1], z=position[2])
+    result.transform.rotation = _quaternion(attitude)
+    return result
+
+
+def _marker(name: str, number: int, kind: int, colour: Colour, alpha: float) -> Marker:
+    red, green, blue = colour
+    marker = Marker(ns=name, id=number, type=kind, action=Marker.ADD)
+    marker.pose.orientation.w = 1.0
+    marker.color = ColorRGBA(r=red, g=green, b=blue, a=alpha)
+    return marker
+
+
+def _point(a: Vector) -> Point:
+    return Point(x=a[0], y=a[1], z=a[2])
+
+
+def _quaternion(q: Quaternion) -> QuaternionMessage:
+    return QuaternionMessage(x=q[0], y=q[1], z=q[2], w=q[3])
 
 
 main = partial(run_node, AttitudeMarkers)

@@ -12,18 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The health of a node: levels, refusals, steps a second, and how often it reports."""
+"""The health of a node, as it reports it, and whether a run still goes on."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from math import inf
 from typing import Any, NamedTuple
 
+from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science.stamps import NANOSECONDS, seconds
 
 # As in diagnostic_msgs/DiagnosticStatus.
 OK, WARN, ERROR, STALE = b"\x00", b"\x01", b"\x02", b"\x03"
 _LOG_PERIOD = 1.0  # [s] the same complaint is logged at most this often
 _IDLE = 2.0  # [s] of silence after which diagnostics follow the wall clock
+_STALLED = 30.0  # [s] without a step after which a run is given up
 
 
 class Status(NamedTuple):
@@ -105,3 +108,50 @@ class Health:
         rate = self._steps * NANOSECONDS / (self.time_ns - self._counted_from)
         self._counted_from, self._steps = self.time_ns, 0
         return rate
+
+
+class Stall:
+    """Tells when a run has stalled; `now` is always the time of the wall clock [s].
+
+    Time in which a node waited for the processor does not count: nobody's fault. Time in which a
+    node uses the processor counts: one that computes for ever never answers.
+    """
+
+    def __init__(self, now: float) -> None:
+        self._advanced = now
+        self._heard = inf  # when the plant told its time, be it the same as before
+        self._starved: Mapping[str, float] = {}
+
+    def advance(self, now: float, starved: Mapping[str, float]) -> None:
+        """Take that simulated time went on, and how long each node had starved by then [s]."""
+        self._advanced, self._starved = now, starved
+
+    def hear(self, now: float) -> None:
+        """Take that the plant has told its time."""
+        self._heard = now
+
+    def reason(
+        self,
+        now: float,
+        starvation: Callable[[], Mapping[str, float]],
+        hindrances: Callable[[], Iterable[str]],
+    ) -> str:
+        """Say why the run is to be given up; empty if it goes on, or nobody knows what hinders it.
+
+        Parameters
+        ----------
+        starvation : callable
+            Gives how long each node has starved [s].
+        hindrances : callable
+            Gives what the nodes say that they wait for, or what else is known.
+        """
+        silent = now - self._advanced
+        if silent < _STALLED:
+            return ""
+        lost = max(total - self._starved.get(name, 0.0) for name, total in starvation().items())
+        if silent - lost < _STALLED:
+            return ""
+        why = "; ".join(dict.fromkeys(filter(None, hindrances())))
+        if now - self._heard - lost >= _STALLED:
+            why = why or f"{PLANT} neither goes on nor ends"
+        return why and f"no step for {_STALLED:g} s: {why}"
