@@ -25,8 +25,8 @@ from conftest import Ask
 from ppc_attitude.command_line.commands import latency
 from ppc_attitude.contract.cdr import Codec
 from ppc_attitude.contract.topics import ATTITUDE, TORQUE_COMMAND, Topic
-from ppc_attitude.nodes import latency_probe
-from ppc_attitude.nodes.latency_probe import Latencies, measure
+from ppc_attitude.nodes import onlooker
+from ppc_attitude.nodes.onlooker import Latencies, measure
 from ppc_attitude.processes import exits
 from ppc_attitude.processes.exits import RunError
 
@@ -56,9 +56,9 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> list[float]:
         numbers = (0.0, 0.0, 0.0, 1.0)[-topic.width :]
         handles[topic](Codec(topic).encode(round(k * STEP * 1e9), numbers))
 
-    monkeypatch.setattr(latency_probe, "visiting", lambda *_: nullcontext())
-    monkeypatch.setattr(latency_probe, "listening", lambda _: nullcontext(listen))
-    monkeypatch.setattr(latency_probe, "subscribe", subscribe)
+    monkeypatch.setattr(onlooker, "visiting", lambda *_: nullcontext())
+    monkeypatch.setattr(onlooker, "listening", lambda _: nullcontext(listen))
+    monkeypatch.setattr(onlooker, "subscribe", subscribe)
     return clock
 
 
@@ -80,7 +80,7 @@ def test_too_few_states_to_tell_a_period_are_told(
     states: int, monkeypatch: pytest.MonkeyPatch, ask: Ask, capsys: pytest.CaptureFixture[str]
 ) -> None:
     few = Latencies(states, np.nan, np.full(states, TRIP))
-    monkeypatch.setattr(latency_probe, "measure", lambda *_: few)
+    monkeypatch.setattr(onlooker, "measure", lambda *_: few)
     text = f"{states} states were measured; their period follows from two or more"
     told = ask("latency", "--live", "--duration", 0.01, code=exits.BROKEN)
     assert told == ("", f"error: {text}\n")

@@ -12,16 +12,20 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The latest samples and the health of a running stack, for programs that only look on."""
+"""What programs that only look on see of a running stack: samples, health, latencies."""
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
+from typing import NamedTuple
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
+from numpy.typing import NDArray
 from rclpy.node import Node
 
-from ppc_attitude.contract.cdr import Sample
+from ppc_attitude.contract.cdr import Sample, header_stamp
 from ppc_attitude.contract.declared import BOUNDS, BY_COLUMN
 from ppc_attitude.contract.topics import (
     ANGULAR_VELOCITY,
@@ -30,12 +34,15 @@ from ppc_attitude.contract.topics import (
     DIAGNOSTICS_TOPIC,
     DISTURBANCE,
     TORQUE_COMMAND,
+    Topic,
 )
-from ppc_attitude.nodes.messages import LatestSamples, subscribe
+from ppc_attitude.nodes.messages import LatestSamples, recorded, subscribe
+from ppc_attitude.nodes.visiting import listening, visiting
 from ppc_attitude.runtime.health import STALE, Status
-from ppc_attitude.science.stamps import NANOSECONDS
+from ppc_attitude.science.stamps import NANOSECONDS, seconds
 
 _SILENT = 3  # [s] behind the states after which a topic has gone, or a node that is as long silent
+_LOOK = 0.05  # [s] for which messages are taken in before a measurement may end
 _ALWAYS = (ATTITUDE, ANGULAR_VELOCITY, APPLIED_TORQUE, TORQUE_COMMAND, DISTURBANCE)
 BOUNDED = tuple((BY_COLUMN[error], BY_COLUMN[bound]) for error, bound in BOUNDS)
 """What some component bounds, and what bounds it."""
@@ -93,3 +100,51 @@ class Onlooker:
             gone = state and abs(stamp_ns - now_ns) > near and silent > _SILENT
             health[node] = Status(STALE, f"silent for {silent:.0f} s", {}) if gone else told
         return Snapshot(samples, health, bool(health) and not lacks)
+
+
+class Latencies(NamedTuple):
+    """Latencies from states to the torques that answer them, as any node on the graph sees them."""
+
+    states: int  # that were seen
+    period: float  # median time between their stamps [s]; NaN for fewer than two
+    answered: NDArray[np.float64]  # [s] from the arrival of each answered state to its command's
+
+    @property
+    def missed(self) -> int:
+        """States whose command came later than a period, or never."""
+        return self.states - int(np.count_nonzero(self.answered <= self.period))
+
+
+def measure(
+    goes_on: Callable[[float | None], bool],
+    namespace: str = "",
+    joining: float = 0.0,
+    now: Callable[[], float] = time.perf_counter,
+) -> Latencies:
+    """Listen to states and torque commands as long as `goes_on` is true.
+
+    It gets the time at which the first state came, by `now` [s], or None before that.
+    States that come within `joining` [s] after it do not count: a node that joins a running topic
+    gets its first messages late and all at once, and those of another topic at another time.
+    """
+    arrivals: dict[int, float] = {}
+    answers: dict[int, float] = {}
+
+    def note(topic: Topic, times: dict[int, float], data: bytes) -> None:
+        stamp = header_stamp(data, topic.msgtype)
+        if stamp is not None:
+            times.setdefault(stamp, now())
+
+    with visiting("latency_probe", namespace) as node:
+        for topic, times in ((ATTITUDE, arrivals), (TORQUE_COMMAND, answers)):
+            subscribe(node, topic, partial(note, topic, times), recorded(topic), raw=True)
+        with listening(node) as listen:
+            while goes_on(next(iter(arrivals.values()), None)):
+                listen(_LOOK)
+    begin = min(arrivals.values(), default=0.0) + joining
+    # The last state may be answered after the measurement.
+    stamps = sorted(stamp for stamp, arrival in arrivals.items() if arrival >= begin)[:-1]
+    steps = np.diff([seconds(stamp) for stamp in stamps])
+    trips = [answers[stamp] - arrivals[stamp] for stamp in stamps if stamp in answers]
+    period = float(np.median(steps)) if len(steps) else np.nan
+    return Latencies(len(stamps), period, np.array(trips, np.float64))

@@ -38,7 +38,7 @@ from ppc_attitude.contract.topics import TORQUE_COMMAND
 from ppc_attitude.processes.exits import DONE, RunError
 
 if TYPE_CHECKING:
-    from ppc_attitude.nodes.latency_probe import Latencies
+    from ppc_attitude.nodes.onlooker import Latencies
 
 HELP = "deadline misses and state-to-torque latency in real time"
 DESCRIPTION = (
@@ -71,7 +71,7 @@ def execute(arguments: argparse.Namespace) -> int:
     ours, live = "a stack of its own, without --live", arguments.live
     see_that_none_is_idle(arguments, not live, ours, "config", "controller", "rate", "bag")
     see_that_none_is_idle(arguments, live, "a stack that runs: --live", "namespace")
-    from ppc_attitude.nodes.latency_probe import measure  # before a run: the import takes long
+    from ppc_attitude.nodes.onlooker import measure  # before a run: the import takes long
 
     if live:
         duration = _JOINING + (arguments.duration or PAPER_DURATION)
