@@ -17,8 +17,7 @@
 import pytest
 
 from ppc_attitude.contract.topics import ATTITUDE
-from ppc_attitude.runtime.answers import Answers
-from ppc_attitude.runtime.stamps import RefusedError
+from ppc_attitude.runtime.stamps import Answers, RefusedError
 from ppc_attitude.science.stamps import NANOSECONDS, stamp_of
 
 

@@ -21,10 +21,9 @@ from typing import Any
 from ppc_attitude.contract.declared import BY_COLUMN, columns_of, components_of
 from ppc_attitude.contract.topics import ATTITUDE, TRUE_ATTITUDE, Topic
 from ppc_attitude.nodes.base import BaseNode
-from ppc_attitude.runtime.answers import Answers
 from ppc_attitude.runtime.chain import Chain
 from ppc_attitude.runtime.health import ERROR, OK, STALE, WARN, Status
-from ppc_attitude.runtime.stamps import Instant, States, Values
+from ppc_attitude.runtime.stamps import Answers, Instant, States, Values
 from ppc_attitude.science.component import read_from_elsewhere
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.parameter import Value
