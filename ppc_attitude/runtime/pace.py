@@ -82,27 +82,13 @@ class Rules:
         return next(iter(self.inputs))
 
 
+@dataclass
 class _Input:
-    """Latest values of one input, and those that came early for the next instant."""
+    """Latest values of one input, and the first ones that came early for the next instant."""
 
-    def __init__(self, zero: Values) -> None:
-        self.values = zero
-        self.stamp = -1
-        self._next: Values | None = None
-
-    def take(self, stamp_ns: int, values: Values) -> None:
-        self.stamp, self.values = stamp_ns, values
-
-    def keep(self, values: Values) -> None:
-        """Keep the first values that come for the next instant."""
-        if self._next is None:
-            self._next = values
-
-    def reach(self, stamp_ns: int) -> None:
-        """Take over the kept values, because the next instant [ns] has come."""
-        if self._next is not None:
-            self.take(stamp_ns, self._next)
-            self._next = None
+    values: Values
+    stamp: int = -1
+    early: Values | None = None
 
 
 class Pace(ABC):
@@ -151,7 +137,7 @@ class Pace(ABC):
                     f"{name}: stamp {seconds(stamp_ns):.6f} s is in the future; the present state "
                     f"has {seconds(self.stamp):.6f} s"
                 )
-            stream.keep(values)
+            stream.early = stream.early or values
             return False
         if stamp_ns < stream.stamp and stamp_ns not in self._repeated:
             raise out_of_order(name, stamp_ns)
@@ -221,7 +207,8 @@ class Pace(ABC):
             self.step += 1
             self.stamp, self.following = self.following, stamp_of(self.step + 1, self.rules.rate)
             for stream in self.inputs.values():
-                stream.reach(self.stamp)
+                if stream.early:
+                    stream.stamp, stream.values, stream.early = self.stamp, stream.early, None
             self.craft.move_to(self.stamp)
             self.waiting_since = now
             self._repeat_after = _REPEAT_FIRST
@@ -294,7 +281,7 @@ class Lockstep(Pace):
 
     def _accept(self, stream: _Input, stamp_ns: int, values: Values, now: float) -> bool:
         if stamp_ns == self.stamp:  # else it was sent before its peer saw this state
-            stream.take(stamp_ns, values)
+            stream.stamp, stream.values = stamp_ns, values
             self._go(now)
         return not self._shown
 
@@ -354,7 +341,7 @@ class FreeRunning(Pace):
 
     def _accept(self, stream: _Input, stamp_ns: int, values: Values, now: float) -> bool:
         awaited = bool(self._missing())
-        stream.take(stamp_ns, values)
+        stream.stamp, stream.values = stamp_ns, values
         if awaited:
             self._origin = now  # time begins when every awaited input has come once
         return awaited
