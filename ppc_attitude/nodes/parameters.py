@@ -20,7 +20,7 @@ from array import array
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from datetime import date
-from functools import cached_property
+from functools import cache
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -72,11 +72,9 @@ class NodeParameters:
             if not is_of_ros(name)
         }
         strange = chosen.keys() - self._table.keys()
-        if strange:  # only then: this loads the components of all nodes
+        if strange:
             # A section for all nodes has names of other nodes; a name of no node is a mistake.
-            of_any_node = {each.name for table in PARAMETERS.values() for each in table}
-            others = sorted(strange & of_any_node)
-            if others:
+            if others := sorted(strange & _of_others(executable)):
                 told = f"not used here, as other nodes have them: {', '.join(others)}"
                 node.get_logger().warning(told)
             chosen = {name: value for name, value in chosen.items() if name not in others}
@@ -142,12 +140,6 @@ class _Services(ParameterService):
         self._executable = executable
         super().__init__(node)
 
-    @cached_property
-    def _shared(self) -> set[str]:
-        """Names that another node has too: looked up late, for it loads all nodes' components."""
-        names = {node: {each.name for each in table} for node, table in PARAMETERS.items()}
-        return names.pop(self._executable) & set().union(*names.values())
-
     def _not_to_be_taken(self, asked: ParameterMessage) -> str:
         """Why a value is refused for which rclpy would raise or omit the name; empty if none is."""
         node = self._get_node()
@@ -164,7 +156,7 @@ class _Services(ParameterService):
         ours = all(node.has_parameter(each.name) for each in request.parameters)
         for each in request.parameters:
             reason = self._not_to_be_taken(each)
-            if not reason and (ours or each.name not in self._shared):
+            if not reason and (ours or each.name not in _of_others(self._executable)):
                 super()._set_parameters_callback(SetParameters.Request(parameters=[each]), response)
                 continue
             reason = reason or (
@@ -180,6 +172,13 @@ class _Services(ParameterService):
             return super()._set_parameters_atomically_callback(request, response)
         response.result = SetParametersResult(successful=False, reason=reason)
         return response
+
+
+@cache
+def _of_others(executable: str) -> set[str]:
+    """Names of the parameters of all other nodes: looked up late, as it loads their components."""
+    tables = (table for node, table in PARAMETERS.items() if node != executable)
+    return {each.name for table in tables for each in table}
 
 
 def _numbers(value: Any) -> Any:
