@@ -37,7 +37,7 @@ import numpy as np
 from ppc_attitude.bags.custom_data import encode_custom_data
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.contract.declared import BY_COLUMN
-from ppc_attitude.contract.run_record import Array, RunRecord
+from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.whole_file import whole_file
 from ppc_attitude.science.errors import needed_by
 
@@ -106,20 +106,16 @@ def _new_file(target: Path) -> Iterator[BinaryIO]:
 
 def _table(record: RunRecord) -> tuple[dict[str, Any], str]:
     """Every column of the table by its name, and what is left out."""
-    changed, lacking = _changed(record)
-    samples = dict(_numbers(record))
-    return {"stamp_ns": record.stamps_ns, "t": record.t, **samples, **changed}, lacking
-
-
-def _numbers(record: RunRecord) -> Iterator[tuple[str, Array]]:
-    """Name and numbers of each column of samples."""
+    table: dict[str, Any] = {"stamp_ns": record.stamps_ns, "t": record.t}
     order = {name: place for place, name in enumerate(BY_COLUMN)}
     for name in sorted(record.columns, key=lambda each: order.get(each, len(order))):
         numbers = record[name].T
         of_parts = name in BY_COLUMN and BY_COLUMN[name].part
         axes = map(str, range(len(numbers))) if of_parts or len(numbers) > len(_AXES) else _AXES
         for axis, samples in zip(axes, numbers, strict=False):
-            yield f"{name}_{axis}", samples
+            table[f"{name}_{axis}"] = samples
+    changed, lacking = _changed(record)
+    return {**table, **changed}, lacking
 
 
 def _changed(record: RunRecord) -> tuple[dict[str, list[Any]], str]:
