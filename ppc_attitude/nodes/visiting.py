@@ -18,14 +18,12 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from typing import Any
 from uuid import uuid4
 
 import rclpy
 import rclpy.utilities
 from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
@@ -74,16 +72,16 @@ def listening(node: Node) -> Iterator[Callable[[float], None]]:
     """Give a function that takes in the messages of a node for some time [s]."""
     executor = new_executor()
     executor.add_node(node)
+
+    def listen(patience: float) -> None:
+        end = time.monotonic() + patience
+        while (left := end - time.monotonic()) > 0.0:
+            executor.spin_once(timeout_sec=left)
+
     try:
-        yield partial(_listen, executor)
+        yield listen
     finally:
         executor.shutdown()  # or it keeps the node in the graph
-
-
-def _listen(executor: Executor, patience: float) -> None:
-    end = time.monotonic() + patience
-    while (left := end - time.monotonic()) > 0.0:
-        executor.spin_once(timeout_sec=left)
 
 
 def no_state(namespace: str, patience: float) -> RunError:
