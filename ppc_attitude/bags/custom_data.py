@@ -27,7 +27,6 @@ from typing import Any, NamedTuple
 
 from ppc_attitude.bags.errors import BagError, all_printable, printable, shortened
 from ppc_attitude.contract.parameters import PARAMETERS
-from ppc_attitude.contract.topics import CONTROLLER
 from ppc_attitude.contract.whole_file import write_whole
 from ppc_attitude.contract.yaml_file import parsed, parsed_json
 from ppc_attitude.science.errors import ConfigurationError
@@ -128,10 +127,8 @@ def decode_custom_data(custom_data: Mapping[str, str], namespace: str) -> RunFac
     metadata = _told(custom_data, METADATA_KEY, dict, flaws)
     gaps = _told(custom_data, GAPS_KEY, list, flaws)
     flaws += [f"the recorder calls the bag incomplete: {gap}" for gap in gaps]
-    own = parameters.get(CONTROLLER, {}).get("controller")
-    stated = printable(custom_data.get(CONTROLLER_KEY) or UNKNOWN_CONTROLLER)
     return RunFacts(
-        own if isinstance(own, str) else stated,
+        printable(custom_data.get(CONTROLLER_KEY) or UNKNOWN_CONTROLLER),
         parameters,
         {key: str(value) for key, value in metadata.items()},
         tuple(flaws),
