@@ -18,9 +18,12 @@ from typing import Any
 import numpy as np
 import pytest
 from estimation_helpers import SUITES, Array, filtered, new_memory, suite
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
+from ppc_attitude.science.estimators import filter as algebra
 from ppc_attitude.science.estimators.filter import innovation, propagated, updated
 from ppc_attitude.science.estimators.mekf import filter_record
 from ppc_attitude.science.estimators.steady_state import (
@@ -32,7 +35,7 @@ from ppc_attitude.science.estimators.steady_state import (
     settled_knowledge,
     steady_state,
 )
-from ppc_attitude.science.kernel import kernel
+from ppc_attitude.science.kernel import Matrix, kernel
 from ppc_attitude.science.sensors.gyro import effective_white_noise
 from ppc_attitude.science.sensors.star_tracker import BORESIGHT_NOISE, CROSS_NOISE, slots
 
@@ -270,3 +273,33 @@ def test_published_noise_floors(
         attitude = [FLOOR * each.attitude for each in of_axes]
         assert attitude == pytest.approx([across, along], rel=2e-3)
     assert FLOOR * of_axes[0].rate == pytest.approx(rate, rel=1e-2)
+
+
+component = st.floats(-10.0, 10.0)
+vectors = st.tuples(component, component, component)
+matrices = st.tuples(vectors, vectors, vectors)
+
+
+@given(matrices, matrices, vectors, component)
+def test_matrices_are_numpys(m: Matrix, n: Matrix, a: tuple[float, float, float], s: float) -> None:
+    x, y = np.array(m), np.array(n)
+    upper = np.triu_indices(3)
+    assert np.array_equal(algebra.transposed(m), x.T)
+    assert np.array_equal(algebra.sum_of(m, n), x + y)
+    assert np.array_equal(algebra.scaled(s, m), s * x)
+    # In the order of a dot product, so that numbers are the same whoever computes them.
+    dots = [[r[0] * c[0] + r[1] * c[1] + r[2] * c[2] for c in n] for r in m]
+    assert np.array_equal(algebra.times_transposed(m, n), dots)
+    square = x @ x.T + np.eye(3)
+    packed = tuple(square[upper])
+    assert np.allclose(
+        algebra.plus_diagonal(algebra.symmetric_product(m, m), 1.0), packed, atol=1e-12
+    )
+    assert np.array_equal(algebra.full(packed), square)
+    assert np.array_equal(algebra.symmetric_sum(packed, packed), 2.0 * square[upper])
+    factor = algebra.cholesky(packed)
+    lower = np.linalg.cholesky(square)
+    # The factor is packed by columns: xx yx zx yy zy zz.
+    assert np.allclose(factor, lower.T[upper], rtol=1e-9, atol=1e-9)
+    assert np.allclose(lower @ algebra.forward(factor, a), a, atol=1e-9)
+    assert np.allclose(square @ algebra.solved(factor, a), a, atol=1e-7)

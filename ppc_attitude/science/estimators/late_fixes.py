@@ -31,6 +31,7 @@ from ppc_attitude.science.compiled_stamps import seconds
 from ppc_attitude.science.estimators.filter import (
     NOTHING,
     Knowledge,
+    Symmetric,
     begun,
     innovation,
     propagated,
@@ -62,7 +63,6 @@ from ppc_attitude.science.kernel import (
 from ppc_attitude.science.parameter import record_type
 from ppc_attitude.science.sensors.arrivals import TOLERANCE
 from ppc_attitude.science.sensors.star_tracker import MAX_DELAY
-from ppc_attitude.science.symmetric import Symmetric
 
 FILTER = record_type(
     ("white", np.float64),  # σ_v² [rad²/s]

@@ -29,7 +29,7 @@ from ppc_attitude.science.compiled_stamps import nanoseconds, seconds
 from ppc_attitude.science.component import BODY, MOTION, VECTOR, Column, Component
 from ppc_attitude.science.conditions import Condition, Task, advisable
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.estimators.filter import NOTHING, Knowledge
+from ppc_attitude.science.estimators.filter import NOTHING, Knowledge, diagonal, plus_diagonal
 from ppc_attitude.science.estimators.late_fixes import (
     FILTER,
     INNOVATIONS,
@@ -73,7 +73,6 @@ from ppc_attitude.science.sensors.star_tracker import (
     unit_mounting,
 )
 from ppc_attitude.science.signals import TOLD
-from ppc_attitude.science.symmetric import diagonal, plus_diagonal
 
 ESTIMATE = Column(
     "estimate",
