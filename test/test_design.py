@@ -30,6 +30,7 @@ from ppc_attitude.science.guarantee import design as module
 from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import COARSE
+from ppc_attitude.science.guarantee.certificate import inequalities
 from ppc_attitude.science.guarantee.design import (
     Design,
     UnwishedError,
@@ -40,7 +41,6 @@ from ppc_attitude.science.guarantee.design import (
     nearest,
 )
 from ppc_attitude.science.guarantee.fixed_point import InfeasibleError, tuned
-from ppc_attitude.science.guarantee.inequalities import inequalities
 
 CONFIG = [f"--config={file}" for file in configs("paper")]
 

@@ -52,10 +52,14 @@ from ppc_attitude.science.guarantee.assumptions import (
 )
 from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import COARSE
-from ppc_attitude.science.guarantee.certificate import Certificate, certify, differences
+from ppc_attitude.science.guarantee.certificate import (
+    Certificate,
+    certify,
+    differences,
+    inequalities,
+)
 from ppc_attitude.science.guarantee.design import Wishes, designed
 from ppc_attitude.science.guarantee.envelope import Envelope
-from ppc_attitude.science.guarantee.inequalities import inequalities
 from ppc_attitude.science.guarantee.surroundings import (
     broken_assumptions,
     broken_by_reference,

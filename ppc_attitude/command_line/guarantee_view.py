@@ -37,11 +37,11 @@ from ppc_attitude.science.guarantee.certificate import (
     ACCURACY,
     RATES,
     Certificate,
+    Inequality,
     certify,
     differences,
 )
 from ppc_attitude.science.guarantee.envelope import Envelope
-from ppc_attitude.science.guarantee.inequalities import Inequality
 from ppc_attitude.science.guarantee.known_reference import KnownReference
 from ppc_attitude.science.guarantee.surroundings import (
     broken_assumptions,

@@ -12,24 +12,159 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The certificate: the guarantee for the very numbers that a law runs with, and its reasons."""
+"""The certificate: the guarantee for the very numbers that a law runs with, and its reasons.
+
+These are the inequalities C0 to C13 under which the theorem of docs/guarantee.md holds.
+"""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ppc_attitude.science.controllers.tube_parameters import digest_of
-from ppc_attitude.science.guarantee.arithmetic import Arithmetic, balls
+from ppc_attitude.science.guarantee.arithmetic import Arithmetic, Number, balls
 from ppc_attitude.science.guarantee.assumptions import assumptions_of, law_of
 from ppc_attitude.science.guarantee.bounds import Bounds
+from ppc_attitude.science.guarantee.cells import LARGEST
 from ppc_attitude.science.guarantee.envelope import Envelope
-from ppc_attitude.science.guarantee.inequalities import Inequality, inequalities
 
 RATES = (0.0, 1.0, 2.5, 5.0)  # [deg/s] ‖ω_s‖ at the start, for which times are printed
 ACCURACY = 5e-3  # of |q_ev,i|
+# κh that leaves every sample's correction without overshoot, without and with a late command.
+_STEP, _STEP_LATE = 0.9, 0.4
+_Claim = tuple[Any, ...]
+"""Name, left and right side, unit, meaning; and True at last if left < right is needed."""
+
+
+@dataclass(frozen=True)
+class Inequality:
+    """One inequality: left ≤ right, or left < right where `strict`."""
+
+    name: str  # C0 to C13, with the axis where there is one for each axis
+    left: tuple[float, float]  # from below and from above
+    right: tuple[float, float]
+    unit: str  # of both sides
+    holds: bool  # whether it is certain in the arithmetic that evaluated it
+    meaning: str  # for the user
+
+    @property
+    def room(self) -> float:
+        """The margin, as a fraction of the right side; negative if the inequality fails."""
+        scale = max(abs(self.right[0]), abs(self.left[1]))
+        if math.isinf(scale):
+            return -1.0
+        return (self.right[0] - self.left[1]) / scale if scale > 1e-300 else 1.0
+
+
+def inequalities(bounds: Bounds) -> tuple[Inequality, ...]:
+    """Evaluate all inequalities, whether they hold or not."""
+    claims = (*_tube(bounds), *_rates(bounds), *_phases(bounds))
+    return tuple(_judged(bounds.arithmetic, *each) for each in claims)
+
+
+def _judged(
+    arithmetic: Arithmetic,
+    name: str,
+    left: Number,
+    right: Number,
+    unit: str,
+    meaning: str,
+    strict: bool = False,
+) -> Inequality:
+    left, right = arithmetic.number(left), arithmetic.number(right)
+    certain = bool(left < right) if strict else bool(left <= right)
+    outward = arithmetic.outward
+    return Inequality(name, outward(left), outward(right), unit, certain, meaning)
+
+
+def _by_axis(name: str, left: Any, right: Any, *rest: Any) -> Iterator[_Claim]:
+    for axis, low, high in zip("xyz", left, right, strict=True):
+        yield f"{name} {axis}", low, high, *rest
+
+
+def _tube(bounds: Bounds) -> Iterator[_Claim]:
+    law, body = bounds.law, bounds.body
+    least = 0.0 if body.proved else math.inf
+    yield "C0", least, body.least, "kg·m²", "the moments of inertia are certain", True
+    meaning = "no disturbance within its bound leads out of the tube"
+    yield from _by_axis("C1", bounds.Y, law.Y, "N·m·s", meaning)
+    meaning = "a saturated axis still drives its momentum error back"
+    yield from _by_axis("C2", law.B, bounds.B, "N·m", meaning)
+    late = 1 + bounds.assumed.late
+    more = [law.B_ramp - each for each in law.B]
+    drift = [
+        0.0 if each <= 0 else n + law.h * late * each for each, n in zip(more, law.N, strict=True)
+    ]
+    meaning = "with a ramp's torque beyond B, y moves by less than half the tube in a sample"
+    yield from _by_axis("C2 ramp", drift, [y / 2 for y in law.Y], "N·m·s", meaning)
+    meaning = "feedforward, reference and brake never lack torque"
+    yield from _by_axis("C3", bounds.load, law.B, "N·m", meaning)
+    meaning = "N bounds the error of y that estimation errors cause"
+    yield from _by_axis("C1 N", bounds.noise, law.N, "N·m·s", meaning)
+    meaning = "z̄ is the largest rate error in the tube"
+    yield "C1 ‖z‖", bounds.z, law.z_bar, "rad/s", meaning
+
+
+def _rates(bounds: Bounds) -> Iterator[_Claim]:
+    assumed, law = bounds.assumed, bounds.law
+    meaning = "‖ω_s‖ stays below the rate limit after the stop phase"
+    fastest = law.Omega_e + law.z_bar + bounds.e_w + law.h * bounds.V_rate
+    yield "C4", fastest, assumed.Omega, "rad/s", meaning
+    meaning = "Φ allows for the largest decrease of V"
+    yield "C4 V'", bounds.V_rate, law.V_rate, "rad/s²", meaning
+    meaning = "Φ allows for the largest decrease of a when the brake's axis turns"
+    yield "C4 a'", bounds.a_rate, law.a_rate, "rad/s³", meaning
+    limit = _STEP_LATE if assumed.late > 0.0 else _STEP
+    meaning = "κh: one sample's correction does not overshoot"
+    yield "C5", law.kappa * law.h, limit, "", meaning
+    if assumed.late > 0.0:
+        meaning = "ℓ = 1: the momentum observer is not proved with late commands"
+        yield "C5 ℓ", 1.0, law.ell, "", meaning
+    meaning = "the tube lies within the linear part of the brake"
+    yield "C6", law.z_bar, bounds.a / law.k, "rad/s", meaning
+    meaning = "the reference leaves speed to turn with"
+    yield "C7", 0.0, law.Omega_e - assumed.W, "rad/s", meaning, True
+    meaning = "the disturbance estimate alone does not lead out of the tube"
+    yield "C8", law.d_max, law.kappa * min(law.Y), "N·m", meaning
+    meaning = "the estimate may be as large as the disturbance"
+    yield "C8 d", assumed.d, law.d_max, "N·m", meaning
+
+
+def _phases(bounds: Bounds) -> Iterator[_Claim]:
+    assumed, law, pi = bounds.assumed, bounds.law, bounds.arithmetic.pi
+    a, h, k, z = bounds.a_most, law.h, law.k, law.z_bar
+    slowest = law.Omega_e - assumed.W
+    w_far, omega0 = law.w_far + bounds.e_w, law.omega0 + bounds.e_w
+
+    start = bounds.cruise_start()
+    meaning = "a cruise reaches its speed before it has to brake"
+    yield "C9", math.inf if start is None else start, law.far, "rad", meaning
+    yield "C9 w", w_far, slowest, "rad/s", "a cruise begins below its least speed"
+
+    time = bounds.stop_time(law.w_far)
+    turned = math.inf if time is None else bounds.nu_stop * w_far * (time + h)
+    meaning = "the axis turns so little in the stop phase that rates do not add up"
+    yield "C9 n", turned, 1.0, "rad", meaning
+
+    meaning = "torque is left to stop from every rate up to omega0"
+    needed = bounds.feedforward(omega0 + assumed.W + z)
+    yield from _by_axis("C10", needed, law.B, "N·m", meaning, True)
+    meaning = "F varies no more within a sample of the stop phase than later"
+    yield from _by_axis("C11", bounds.variation_at_stop, bounds.variation, "N·m", meaning)
+    stop = bounds.stop_time(law.omega0)
+    overshoot = math.inf
+    if stop is not None and bounds.reserve > 0:
+        overshoot = pi + assumed.lead + assumed.e_A
+        overshoot = overshoot + omega0 * (stop + h) / 2 + z * (stop + 2 * h + z / bounds.reserve)
+    meaning = "the largest turn and the stop stay in the range of cells"
+    yield "C12", overshoot, pi + LARGEST, "rad", meaning
+    meaning = "the cap of the speed does not act where the brake is linear"
+    yield "C13", a / k, 0.75 * slowest - 2 * h * law.V_rate, "rad/s", meaning
+    meaning = "the linear part of the brake ends below 1 rad"
+    yield "C13 φ1", a / (k * k), 1.0, "rad", meaning
 
 
 @dataclass(frozen=True)

@@ -27,9 +27,9 @@ from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
 from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import COARSE, FINE, Cells
+from ppc_attitude.science.guarantee.certificate import Inequality
 from ppc_attitude.science.guarantee.envelope import Envelope
 from ppc_attitude.science.guarantee.fixed_point import TUMBLING, Gains, InfeasibleError, tuned
-from ppc_attitude.science.guarantee.inequalities import Inequality
 
 # κh, k/κ and ℓ of the search; and of the short one that looks for the nearest feasible number.
 _KAPPA_H = (0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.8)

@@ -27,7 +27,7 @@ from ppc_attitude.science.guarantee.arithmetic import FLOATS
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, Triple
 from ppc_attitude.science.guarantee.bounds import Bounds
 from ppc_attitude.science.guarantee.cells import COARSE, Cells
-from ppc_attitude.science.guarantee.inequalities import Inequality, inequalities
+from ppc_attitude.science.guarantee.certificate import Inequality, inequalities
 
 Gains = tuple[float, float, float]  # k [1/s], κ [1/s], ℓ
 _ROOM = 1e-4  # relative, so that every inequality holds with room for rounding
