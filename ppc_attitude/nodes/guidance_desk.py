@@ -43,8 +43,8 @@ from ppc_attitude.science.guidance.orders import (
     schedule_of,
     scheduled_orders,
 )
+from ppc_attitude.science.guidance.sight import warnings_of
 from ppc_attitude.science.guidance.trajectory import points
-from ppc_attitude.science.guidance.watch import warnings_of
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references.goal import configuration_of, facts
 from ppc_attitude.science.stamps import LATEST, NANOSECONDS, instant, nanoseconds, seconds

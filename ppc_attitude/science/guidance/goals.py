@@ -24,14 +24,13 @@ import numpy as np
 from ppc_attitude.science.guidance.frames import INERTIAL, LEAST_SINE, SKY, SPIN, frame_at
 from ppc_attitude.science.guidance.plan import LIMITS, LOOK, PLAN, plan_motion, start_plan
 from ppc_attitude.science.guidance.rotation import Motion, standing, turn_between
-from ppc_attitude.science.guidance.sight import crossing, directions_at, goal_at
+from ppc_attitude.science.guidance.sight import WATCH, begin_watch, crossing, directions_at, goal_at
 from ppc_attitude.science.guidance.slew import (
     append_approach,
     append_brake,
     append_slew,
     end_attitude,
 )
-from ppc_attitude.science.guidance.watch import WATCH, begin_watch
 from ppc_attitude.science.keep_out import (
     CONES,
     FOUND,

@@ -62,9 +62,9 @@ from ppc_attitude.science.guidance.orders import (
     scheduled_orders,
 )
 from ppc_attitude.science.guidance.scene import scene_at, told
+from ppc_attitude.science.guidance.sight import look_out, warnings_of
 from ppc_attitude.science.guidance.slew import slew_bounds, slew_torque
 from ppc_attitude.science.guidance.trajectory import POINTS, append_profile
-from ppc_attitude.science.guidance.watch import look_out, warnings_of
 from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.keep_out import MOST_CONES
 from ppc_attitude.science.kernel import (
