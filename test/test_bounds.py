@@ -23,8 +23,8 @@ from craft_helpers import overlay, pulse
 from process_helpers import PAPER
 
 from ppc_attitude.analysis.metrics import Verdict
-from ppc_attitude.command_line import memory
-from ppc_attitude.command_line.memory import check_memory
+from ppc_attitude.command_line import in_process
+from ppc_attitude.command_line.in_process import check_memory
 from ppc_attitude.contract.topics import INJECTOR, PLANT
 from ppc_attitude.processes.exits import BAD_INPUT, BROKEN
 from ppc_attitude.science.errors import ConfigurationError
@@ -43,7 +43,7 @@ def test_what_is_foreseen_holds_a_run_and_its_verdict(
     tracemalloc.stop()
 
     free = tmp_path / "meminfo"
-    monkeypatch.setattr(memory, "_MACHINE", free)
+    monkeypatch.setattr(in_process, "_MACHINE", free)
     free.write_text(f"MemAvailable:  {peak // 1024} kB\n")
     with pytest.raises(ConfigurationError, match=r"3e\+04 instants need .* allowed here: ≤"):
         check_memory(scenario)
@@ -57,7 +57,7 @@ def test_a_container_may_have_less_than_the_machine(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     limit = tmp_path / "memory.max"
-    monkeypatch.setattr(memory, "_CONTAINER", tmp_path)
+    monkeypatch.setattr(in_process, "_CONTAINER", tmp_path)
     (tmp_path / "memory.current").write_text("900000000\n")
     (tmp_path / "memory.stat").write_text("anon 500000000\ninactive_file 400000000\n")
     for enough in ("max\n", "900000000\n"):
@@ -72,7 +72,7 @@ def test_a_container_may_have_less_than_the_machine(
 def test_runs_of_a_cluster_take_no_memory_of_this_machine(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Ask
 ) -> None:
-    monkeypatch.setattr(memory, "_free", lambda: 1.0)
+    monkeypatch.setattr(in_process, "_free", lambda: 1.0)
     for more, told in (([], "GiB are free"), (["--scheduler", "nobody"], "scheduler = nobody; ")):
         assert told in ask(command, f"--out={tmp_path / 'out'}", *more, code=BAD_INPUT).err
 

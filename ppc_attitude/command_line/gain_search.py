@@ -22,7 +22,7 @@ from ppc_attitude.analysis.requirements import load_requirements
 from ppc_attitude.campaign.declaration import Campaign, campaign, load_campaign
 from ppc_attitude.campaign.pools import cores, threads
 from ppc_attitude.campaign.tuning import Tuned, tuned
-from ppc_attitude.command_line.memory import check_memory
+from ppc_attitude.command_line.in_process import check_memory
 from ppc_attitude.command_line.parameter_file import overlay
 from ppc_attitude.command_line.progress import progress_bar
 from ppc_attitude.command_line.proportions import actuator_torques

@@ -24,7 +24,7 @@ from typing import IO, Any, TypeAlias
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.reader import read_run
-from ppc_attitude.command_line.memory import check_memory
+from ppc_attitude.command_line.in_process import check_memory
 from ppc_attitude.command_line.options import exit_code
 from ppc_attitude.command_line.paths import new_bag
 from ppc_attitude.command_line.progress import progress_bar

@@ -27,8 +27,7 @@ from ppc_attitude.campaign.pools import cores
 from ppc_attitude.campaign.rows import CampaignError, rerun
 from ppc_attitude.campaign.variables import varying
 from ppc_attitude.campaign.varied import idle
-from ppc_attitude.command_line.concerns import tell_concerns
-from ppc_attitude.command_line.memory import check_memory
+from ppc_attitude.command_line.in_process import check_memory, tell_concerns
 from ppc_attitude.command_line.options import (
     add_bag_option,
     add_judging_options,

@@ -31,7 +31,7 @@ from ppc_attitude.campaign.pools import (
 )
 from ppc_attitude.campaign.rows import CampaignError
 from ppc_attitude.command_line.environment_load import environment_torque
-from ppc_attitude.command_line.memory import check_memory
+from ppc_attitude.command_line.in_process import check_memory
 from ppc_attitude.command_line.options import (
     ACCURACY,
     NOT_NEGATIVE,

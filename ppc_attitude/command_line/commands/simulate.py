@@ -23,8 +23,7 @@ from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.export import export
 from ppc_attitude.bags.run_writer import write_run
-from ppc_attitude.command_line.concerns import see_that_it_is_bounded, tell_concerns
-from ppc_attitude.command_line.memory import check_memory
+from ppc_attitude.command_line.in_process import check_memory, see_that_it_is_bounded, tell_concerns
 from ppc_attitude.command_line.options import (
     add_bag_option,
     add_judging_options,

@@ -23,8 +23,7 @@ from ppc_attitude.analysis.hits import SweptHit, scheduled
 from ppc_attitude.analysis.measure import Measured, metric_of
 from ppc_attitude.analysis.requirements import Requirements, load_requirements
 from ppc_attitude.analysis.verdict import MET, NOT_JUDGED, NOT_MET
-from ppc_attitude.command_line.concerns import see_that_it_is_bounded
-from ppc_attitude.command_line.memory import check_memory
+from ppc_attitude.command_line.in_process import check_memory, see_that_it_is_bounded
 from ppc_attitude.command_line.options import (
     POSITIVE,
     add_requirements_option,
