@@ -26,10 +26,10 @@ from ppc_attitude.contract.topics import CONTROLLER, PLANT
 from ppc_attitude.science.conditions import Condition
 from ppc_attitude.science.guarantee.assumptions import Assumptions, Law, assumptions_of, law_of
 from ppc_attitude.science.kernel import Quaternion
-from ppc_attitude.science.orbit import EARTH_RADIUS
-from ppc_attitude.science.orbit_elements import ORBIT_PARAMETERS, orbit_of
+from ppc_attitude.science.orbit import ORBIT_PARAMETERS, orbit_of
 from ppc_attitude.science.parameter import NodeParameters
 from ppc_attitude.science.part import Part
+from ppc_attitude.science.sky import EARTH_RADIUS
 from ppc_attitude.simulation.scenario import Scenario, load
 
 ROOT = Path(__file__).parents[1]

@@ -24,7 +24,7 @@ from guidance_helpers import DEGREE, STRAIGHT, cones, goals, scenes, to_earth
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.guidance.scene import Scene, heard, scene_at, told
-from ppc_attitude.science.orbit_elements import orbit_of
+from ppc_attitude.science.orbit import orbit_of
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.references.goal import COMPONENT, configure
 from ppc_attitude.science.stamps import nanoseconds

@@ -41,7 +41,7 @@ ROS = {
 }
 # Floor: the floors below that it may import, and the only modules of others that it may import.
 FLOORS: dict[str, tuple[set[str], set[str]]] = {
-    # flint only in science/guarantee, sgp4 only in orbit_elements: imported where they are used.
+    # flint only in science/guarantee, sgp4 only in orbit: imported where they are used.
     "science": (set(), {"flint", "numba", "numpy", "scipy", "sgp4"}),
     "processes": (set(), set()),
     "contract": ({"science"}, {"numpy", "yaml"}),

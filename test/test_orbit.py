@@ -23,7 +23,8 @@ from scipy.integrate import solve_ivp
 from truth_tables import columns, table
 
 from ppc_attitude.science.errors import ConfigurationError
-from ppc_attitude.science.orbit import CURSOR, EARTH_RADIUS, J2, MU, gravity, gravity_rate, orbit_at
+from ppc_attitude.science.orbit import CURSOR, J2, MU, gravity, gravity_rate, orbit_at
+from ppc_attitude.science.sky import EARTH_RADIUS
 
 TRUTH = table("pointing")
 

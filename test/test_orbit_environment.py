@@ -34,12 +34,11 @@ from ppc_attitude.science.environments import orbit
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.geomagnetic import field_at, field_of
 from ppc_attitude.science.kernel import matrix
-from ppc_attitude.science.orbit import EARTH_RADIUS, MU
-from ppc_attitude.science.orbit_elements import epoch_of, orbit_of
+from ppc_attitude.science.orbit import MU, epoch_of, orbit_of
 from ppc_attitude.science.parameter import resolved
 from ppc_attitude.science.part import Part
 from ppc_attitude.science.plants import rigid_body
-from ppc_attitude.science.sky import earth_angle, lit_fraction, sun_direction
+from ppc_attitude.science.sky import EARTH_RADIUS, earth_angle, lit_fraction, sun_direction
 from ppc_attitude.science.stamps import nanoseconds
 from ppc_attitude.simulation.scenario import load
 

@@ -31,8 +31,7 @@ from numpy.typing import NDArray
 from ppc_attitude.science.component import BODY, MAGNETIC, Column
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import Vector, divide, dot, kernel, scale
-from ppc_attitude.science.orbit import ORBIT
-from ppc_attitude.science.orbit_elements import EPOCH, ORBIT_PARAMETERS, epoch_of, orbit_of
+from ppc_attitude.science.orbit import EPOCH, ORBIT, ORBIT_PARAMETERS, epoch_of, orbit_of
 from ppc_attitude.science.parameter import Parameter, filled, record_type
 from ppc_attitude.science.sky import EARTH_RATE, days_of, earth_angle
 

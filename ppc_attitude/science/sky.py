@@ -23,10 +23,10 @@ from datetime import datetime, timezone
 
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import Vector, add, cross, dot, kernel, norm, scale, subtract
-from ppc_attitude.science.orbit import EARTH_RADIUS
 
 DAY = 86400.0  # [s]
 EARTH_RATE = 7.292115e-5  # [rad/s]
+EARTH_RADIUS = 6378137.0  # R_E [m]
 ASTRONOMICAL_UNIT = 1.495978707e11  # [m]
 _SUN_RADIUS = 6.957e8  # [m]
 

@@ -43,8 +43,7 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
-from ppc_attitude.science.orbit import CURSOR, EARTH_RADIUS, J2, MU, orbit_at
-from ppc_attitude.science.orbit_elements import apsis_of, epoch_of
+from ppc_attitude.science.orbit import CURSOR, J2, MU, apsis_of, epoch_of, orbit_at
 from ppc_attitude.science.parameter import Parameter, filled, record_type
 from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.science.plates import (
@@ -56,7 +55,7 @@ from ppc_attitude.science.plates import (
     plates_torque,
 )
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TRUE_ATTITUDE
-from ppc_attitude.science.sky import DAY, EARTH_RATE, sun_distance, sun_from
+from ppc_attitude.science.sky import DAY, EARTH_RADIUS, EARTH_RATE, sun_distance, sun_from
 
 PRESSURE = 1361.0 / 299792458.0  # P of sunlight at 1 au [N/m²]
 _NEAREST_SUN = 0.983  # [au]

@@ -41,9 +41,9 @@ from ppc_attitude.science.kernel import (
     subtract,
     vector,
 )
-from ppc_attitude.science.orbit import CURSOR, EARTH_RADIUS, ORBIT, gravity, gravity_rate, orbit_at
+from ppc_attitude.science.orbit import CURSOR, ORBIT, gravity, gravity_rate, orbit_at
 from ppc_attitude.science.parameter import record_type
-from ppc_attitude.science.sky import DAY, EARTH_RATE, sun_direction
+from ppc_attitude.science.sky import DAY, EARTH_RADIUS, EARTH_RATE, sun_direction
 
 # NumPy's integers: Numba compiles a function anew for every Python constant it is called with.
 _NUMBERS: Any = np.arange(5)

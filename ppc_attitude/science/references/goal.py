@@ -77,12 +77,11 @@ from ppc_attitude.science.kernel import (
     store,
     store_quaternion,
 )
-from ppc_attitude.science.orbit import EARTH_RADIUS
-from ppc_attitude.science.orbit_elements import ORBIT_PARAMETERS, epoch_of, orbit_of
+from ppc_attitude.science.orbit import ORBIT_PARAMETERS, epoch_of, orbit_of
 from ppc_attitude.science.parameter import Parameter, at_start
 from ppc_attitude.science.plants.rigid_body import INERTIA
 from ppc_attitude.science.signals import ATTITUDE, DESIRED_MOTION
-from ppc_attitude.science.sky import earth_angle
+from ppc_attitude.science.sky import EARTH_RADIUS, earth_angle
 
 # At the lower bounds a slew takes days, and the search for cones steps along the whole of it.
 MAX_RATE = Parameter(
