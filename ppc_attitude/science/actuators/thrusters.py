@@ -42,21 +42,13 @@ from ppc_attitude.science.hooks import Advice
 from ppc_attitude.science.kernel import ZERO, add, copy, kernel, scale, store, vector
 from ppc_attitude.science.parameter import filled, record_type
 from ppc_attitude.science.signals import APPLIED_TORQUE, TORQUE_COMMAND
-from ppc_attitude.science.thrusters import (
-    FUEL_USED,
-    ON_TIME,
-    THRUSTERS,
-    open_share,
-    pulses,
-    thruster_record,
-)
 
 _HOW = (
     Failure(How.EFFECTIVENESS, 1, 0.0, 1.0),
     Failure(How.STUCK_CLOSED),
     Failure(How.STUCK_OPEN, 1, 0.0, 1.0),
 )
-CONFIGURATION = record_type(("craft", THRUSTERS), ("faults", RECORD))
+CONFIGURATION = record_type(("craft", thrusters.THRUSTERS), ("faults", RECORD))
 STATE = record_type(
     ("begun", np.int64),  # periods, the present one included
     ("impulse", np.float64, (3,)),  # [N·m·s] commanded and not yet made into pulses
@@ -90,7 +82,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
     store(state.impulse, add(vector(state.impulse), commanded))
     if now // craft.period + 1 != state.begun:
         state.begun = now // craft.period + 1
-        store(state.impulse, pulses(vector(state.impulse), craft, state.on_time))
+        store(state.impulse, thrusters.pulses(vector(state.impulse), craft, state.on_time))
     empty = int(state.used >= craft.fuel)  # the parameter may change in flight
     state.news += empty != state.empty
     state.empty = empty
@@ -98,7 +90,7 @@ def step(inputs: Any, state: Any, configuration: Any, outputs: Any) -> None:
         state.on_time[:] = 0.0
     torque, flow = ZERO, 0.0
     for j in range(craft.count):
-        asked = open_share(state.on_time[j], now % craft.period, craft)
+        asked = thrusters.open_share(state.on_time[j], now % craft.period, craft)
         share = _given(asked, j, faults, inputs.stamp_ns)
         torque = add(torque, scale(share, vector(craft.torque[j])))
         flow += share * craft.flow[j]
@@ -125,7 +117,7 @@ def advice(state: Any) -> Advice:
 
 def torques(values: Mapping[str, Any]) -> tuple[float, float]:
     """Torque on an axis [N·m] that the thrusters give in any direction, and their largest one."""
-    craft = thruster_record(values)
+    craft = thrusters.thruster_record(values)
     return thrusters.certain_torque(craft), thrusters.largest_torque(craft)
 
 
@@ -140,13 +132,13 @@ COMPONENT = Component(
     configure=lambda values: filled(
         CONFIGURATION,
         values,
-        craft=thruster_record(values),
+        craft=thrusters.thruster_record(values),
         faults=faults_of(values, parts_of(values)),
     ),
     configuration=CONFIGURATION,
     state=STATE,
     inputs=(TORQUE_COMMAND,),
-    outputs=(APPLIED_TORQUE, ON_TIME, FUEL_USED),
+    outputs=(APPLIED_TORQUE, thrusters.ON_TIME, thrusters.FUEL_USED),
     step=step,
     advice=advice,
     advices=lambda state: int(state["news"]),

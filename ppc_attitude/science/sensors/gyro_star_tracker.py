@@ -47,20 +47,6 @@ from ppc_attitude.science.parameter import RATE, at_start, filled, record_type
 from ppc_attitude.science.plants.rigid_body import INITIAL_RATE
 from ppc_attitude.science.sensors import gyro, star_tracker
 from ppc_attitude.science.sensors.direct import SEED
-from ppc_attitude.science.sensors.gyro import (
-    gyro_noise,
-    gyro_record,
-    gyro_sample,
-    mean_rate,
-    walked_bias,
-)
-from ppc_attitude.science.sensors.star_tracker import (
-    MAX_DELAY,
-    NO_FIX,
-    is_slot,
-    star_fix,
-    star_tracker_record,
-)
 from ppc_attitude.science.signals import TRUTH
 
 GYRO_SAMPLE = Column(
@@ -116,7 +102,7 @@ PARTS = {
     ),
 }
 _SLOTS = 1024  # pending fixes, more than MAX_DELAY
-assert MAX_DELAY < _SLOTS
+assert star_tracker.MAX_DELAY < _SLOTS
 CONFIGURATION = record_type(
     RATE,
     INITIAL_FIX,
@@ -159,7 +145,7 @@ def _sense_rate(inputs: Any, state: Any, configuration: Any, outputs: Any, step:
     q = quaternion(inputs.truth_attitude)
     faults, stamp_ns = configuration.faults, inputs.stamp_ns
     louder = number_of(faults, _GYRO, How.NOISE, stamp_ns, 1.0)
-    white, walk = gyro_noise(settings, step, state.noise)
+    white, walk = gyro.gyro_noise(settings, step, state.noise)
     if state.started == 0.0:
         # Nothing to average over yet: the sample is the rate of the instant.
         h = 1.0 / configuration.rate
@@ -168,14 +154,14 @@ def _sense_rate(inputs: Any, state: Any, configuration: Any, outputs: Any, step:
         middle = bias
     else:
         h = seconds(inputs.stamp_ns - state.stamp_ns)
-        rate = mean_rate(quaternion(state.attitude), q, h)
+        rate = gyro.mean_rate(quaternion(state.attitude), q, h)
         before = vector(state.bias)
-        bias = walked_bias(settings, before, scale(louder, walk), h)
+        bias = gyro.walked_bias(settings, before, scale(louder, walk), h)
         middle = scale(0.5, add(before, bias))
     i = acting(faults, _GYRO, How.BIAS, stamp_ns)
     if i >= 0:
         middle = add(middle, vector(faults.fault[i].value))
-    sample = gyro_sample(settings, rate, middle, white, h, louder)
+    sample = gyro.gyro_sample(settings, rate, middle, white, h, louder)
     sample = _failed_gyro(sample, state, configuration, stamp_ns)
     store(state.told, sample)
     store(outputs.gyro, sample)
@@ -197,7 +183,7 @@ def _arriving(configuration: Any, step: int) -> int:
         return 0
     valid = step - configuration.tracker.delay
     known = configuration.initial_fix != 0.0 and valid == 0
-    return valid if is_slot(configuration.tracker, valid) and not known else -1
+    return valid if star_tracker.is_slot(configuration.tracker, valid) and not known else -1
 
 
 @kernel
@@ -207,12 +193,12 @@ def _sensed_fix(inputs: Any, configuration: Any, step: int) -> Quaternion:
     q, omega = quaternion(inputs.truth_attitude), vector(inputs.truth_angular_velocity)
     for how in (How.BLIND, How.DEAD):
         if acting(faults, _TRACKER, how, stamp_ns) >= 0:
-            return NO_FIX
+            return star_tracker.NO_FIX
     louder = number_of(faults, _TRACKER, How.NOISE, stamp_ns, 1.0)
     outliers = number_of(faults, _TRACKER, How.OUTLIERS, stamp_ns, 0.0)
-    fix = star_fix(tracker, q, omega, stamp_ns, step, louder, outliers)
+    fix = star_tracker.star_fix(tracker, q, omega, stamp_ns, step, louder, outliers)
     i = acting(faults, _TRACKER, How.BIAS, stamp_ns)
-    if i < 0 or fix == NO_FIX:
+    if i < 0 or fix == star_tracker.NO_FIX:
         return fix
     return normalised(product(fix, exponential(vector(faults.fault[i].value))))
 
@@ -220,7 +206,7 @@ def _sensed_fix(inputs: Any, configuration: Any, step: int) -> Quaternion:
 @kernel
 def _sense_stars(inputs: Any, state: Any, configuration: Any, outputs: Any, step: int) -> None:
     tracker = configuration.tracker
-    if is_slot(tracker, step):
+    if star_tracker.is_slot(tracker, step):
         fix = _sensed_fix(inputs, configuration, step)
         store_quaternion(state.fixes[step // tracker.every % _SLOTS], fix)
     row = outputs.star_fix
@@ -232,7 +218,7 @@ def _sense_stars(inputs: Any, state: Any, configuration: Any, outputs: Any, step
     store_quaternion(row, fix)
     for i in range(3):
         row[4 + i] = tracker.sigma[i] * tracker.sigma[i]
-    if fix == NO_FIX:
+    if fix == star_tracker.NO_FIX:
         row[4] = -1.0
     row[7] = seconds(inputs.stamp_ns - stamp_of(valid, configuration.rate))
 
@@ -303,8 +289,8 @@ COMPONENT = Component(
     configure=lambda values: filled(
         CONFIGURATION,
         values,
-        gyro=gyro_record(values),
-        tracker=star_tracker_record(values),
+        gyro=gyro.gyro_record(values),
+        tracker=star_tracker.star_tracker_record(values),
         coarse=_coarse(values),
         faults=faults_of(values, PARTS),
     ),
