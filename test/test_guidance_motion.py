@@ -28,13 +28,15 @@ from ppc_attitude.science.guidance.frames import (
     SUN,
     quaternion_of,
 )
-from ppc_attitude.science.guidance.profile import duration, profile, turned
 from ppc_attitude.science.guidance.rotation import (
     about,
     axis_and_angle,
+    duration,
     exponential_motion,
+    profile,
     rotation_vector_rates,
     turn_between,
+    turned,
 )
 
 SLEWS = table("slews")

@@ -24,8 +24,7 @@ from guidance_helpers import DEGREE, Array, guidance, quaternion, scenes
 from scipy.spatial.transform import Rotation
 
 from ppc_attitude.science.attitude import product, rotate
-from ppc_attitude.science.guidance.profile import duration, profile, turned
-from ppc_attitude.science.guidance.rotation import about, turn_between
+from ppc_attitude.science.guidance.rotation import about, duration, profile, turn_between, turned
 from ppc_attitude.science.keep_out import (
     CONES,
     FOUND,

@@ -44,7 +44,7 @@ from ppc_attitude.science.estimators.steady_state import (
     error_sigmas,
 )
 from ppc_attitude.science.guidance.orders import GOAL_TIMES
-from ppc_attitude.science.guidance.profile import duration, profile
+from ppc_attitude.science.guidance.rotation import duration, profile
 from ppc_attitude.science.inertia import inertia_error, inertia_matrix
 from ppc_attitude.science.kernel import Quaternion
 from ppc_attitude.science.kinds import ACTUATORS, ESTIMATORS, REFERENCES, SENSORS

@@ -24,8 +24,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.attitude import normalised, product, rotate
-from ppc_attitude.science.guidance.profile import duration, profile
-from ppc_attitude.science.guidance.rotation import about, turn_between
+from ppc_attitude.science.guidance.rotation import about, duration, profile, turn_between
 from ppc_attitude.science.kernel import (
     Quaternion,
     Vector,

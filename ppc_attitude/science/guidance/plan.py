@@ -19,14 +19,16 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.science.guidance.frames import SPINNING, frame_at
-from ppc_attitude.science.guidance.profile import Profile, duration, turned
 from ppc_attitude.science.guidance.rotation import (
     Motion,
+    Profile,
     about,
     composed,
+    duration,
     exponential_motion,
     moved_by,
     standing,
+    turned,
 )
 from ppc_attitude.science.kernel import (
     ZERO,

@@ -28,13 +28,16 @@ from ppc_attitude.science.guidance.plan import (
     leg_motion,
     polynomial,
 )
-from ppc_attitude.science.guidance.profile import Profile, duration, profile, turned
 from ppc_attitude.science.guidance.rotation import (
     Motion,
+    Profile,
     about,
+    duration,
     exponential_motion,
+    profile,
     relative_to,
     turn_between,
+    turned,
 )
 from ppc_attitude.science.inertia import gyroscopic_share
 from ppc_attitude.science.kernel import (
