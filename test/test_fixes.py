@@ -19,7 +19,7 @@ import pytest
 from ppc_attitude.contract.topics import Topic
 from ppc_attitude.runtime.fixes import Fixes
 from ppc_attitude.runtime.stamps import RefusedError
-from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots
+from ppc_attitude.science.sensors.star_tracker import TOLERANCE, Slots
 from ppc_attitude.science.sensors.star_tracker import slots as steps_of
 from ppc_attitude.science.stamps import LARGEST_STEP, stamp_of
 

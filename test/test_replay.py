@@ -34,8 +34,8 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.kernel import kernel
 from ppc_attitude.science.kinds import CONTROLLERS
-from ppc_attitude.science.sensors.arrivals import check_slots
 from ppc_attitude.science.sensors.gyro_star_tracker import STAR_FIX
+from ppc_attitude.science.sensors.star_tracker import check_slots
 from ppc_attitude.science.stamps import nanoseconds, stamp_of
 from ppc_attitude.simulation.closed_loop import by_column, simulate, stamps_of
 from ppc_attitude.simulation.diagram import Diagram

@@ -24,7 +24,7 @@ from ppc_attitude.contract.run_record import Change
 from ppc_attitude.contract.topics import ENABLED, ESTIMATOR
 from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.kinds import ESTIMATORS
-from ppc_attitude.science.sensors.arrivals import Slots
+from ppc_attitude.science.sensors.star_tracker import Slots
 from ppc_attitude.simulation.closed_loop import by_column, simulate
 from ppc_attitude.simulation.replay import _computed, _read, replay
 

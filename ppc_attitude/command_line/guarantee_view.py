@@ -50,7 +50,7 @@ from ppc_attitude.science.guarantee.surroundings import (
     suspensions,
 )
 from ppc_attitude.science.references import paper, paper_ahead
-from ppc_attitude.science.sensors.gyro_star_tracker import INITIAL_FIX
+from ppc_attitude.science.sensors.star_tracker import INITIAL_FIX
 from ppc_attitude.science.stamps import first_step, nanoseconds
 from ppc_attitude.simulation.scenario import Scenario
 

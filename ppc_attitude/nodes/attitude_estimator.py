@@ -28,7 +28,7 @@ from ppc_attitude.nodes.component_node import ComponentNode
 from ppc_attitude.nodes.running import run_node
 from ppc_attitude.runtime.fixes import Fixes
 from ppc_attitude.runtime.stamps import Instant
-from ppc_attitude.science.sensors.arrivals import Slots, check_slots
+from ppc_attitude.science.sensors.star_tracker import Slots, check_slots
 
 
 class AttitudeEstimator(ComponentNode):

@@ -24,7 +24,7 @@ from collections.abc import Iterable, Iterator
 from ppc_attitude.contract.declared import BY_COLUMN
 from ppc_attitude.contract.topics import Topic
 from ppc_attitude.runtime.stamps import Instant, StampGuard, StampKind, Values, out_of_order
-from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots
+from ppc_attitude.science.sensors.star_tracker import TOLERANCE, Slots
 from ppc_attitude.science.stamps import LARGEST_STEP, nanoseconds, seconds
 
 Parts = dict[str, Values]

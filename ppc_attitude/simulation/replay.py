@@ -34,8 +34,7 @@ from ppc_attitude.science.given import rules_of, take_all
 from ppc_attitude.science.kinds import CONTROLLERS, KINDS, PLANTS, SENSORS, Kind
 from ppc_attitude.science.parameter import Value, resolved
 from ppc_attitude.science.part import Part
-from ppc_attitude.science.sensors.arrivals import TOLERANCE, Slots, check_slots
-from ppc_attitude.science.sensors.star_tracker import RATE
+from ppc_attitude.science.sensors.star_tracker import RATE, TOLERANCE, Slots, check_slots
 from ppc_attitude.science.signals import ENVIRONMENT_TORQUE, TOLD, TORQUE_COMMAND, TRUTH
 from ppc_attitude.science.stamps import LARGEST_STEP, LATEST, instant, seconds
 from ppc_attitude.simulation.closed_loop import by_column

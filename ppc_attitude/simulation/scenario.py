@@ -43,7 +43,7 @@ from ppc_attitude.science.faults import see_that_parts_exist
 from ppc_attitude.science.kinds import ACTUATORS, Kind, all_components, not_given
 from ppc_attitude.science.parameter import NodeParameters, Value, checked, resolved
 from ppc_attitude.science.part import configured
-from ppc_attitude.science.sensors.arrivals import check_slots
+from ppc_attitude.science.sensors.star_tracker import check_slots
 from ppc_attitude.science.stamps import NANOSECONDS, first_step, seconds
 
 

@@ -61,8 +61,7 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.parameter import record_type
-from ppc_attitude.science.sensors.arrivals import TOLERANCE
-from ppc_attitude.science.sensors.star_tracker import MAX_DELAY
+from ppc_attitude.science.sensors.star_tracker import MAX_DELAY, TOLERANCE
 
 FILTER = record_type(
     ("white", np.float64),  # σ_v² [rad²/s]

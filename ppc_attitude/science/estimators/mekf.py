@@ -61,10 +61,11 @@ from ppc_attitude.science.sensors.gyro import (
     RESOLUTION,
     sample_variance,
 )
-from ppc_attitude.science.sensors.gyro_star_tracker import GYRO_SAMPLE, INITIAL_FIX, STAR_FIX
+from ppc_attitude.science.sensors.gyro_star_tracker import GYRO_SAMPLE, STAR_FIX
 from ppc_attitude.science.sensors.star_tracker import (
     BORESIGHT_NOISE,
     CROSS_NOISE,
+    INITIAL_FIX,
     LATENCY,
     MOUNTING,
     NO_FIX,

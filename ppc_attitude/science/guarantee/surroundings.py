@@ -43,8 +43,7 @@ from ppc_attitude.science.guarantee.nodes import HARDWARE, KNOWN, Nodes
 from ppc_attitude.science.inertia import inertia_error
 from ppc_attitude.science.kinds import ENVIRONMENTS, REFERENCES
 from ppc_attitude.science.plants import rigid_body
-from ppc_attitude.science.sensors.gyro_star_tracker import INITIAL_FIX
-from ppc_attitude.science.sensors.star_tracker import slots
+from ppc_attitude.science.sensors.star_tracker import INITIAL_FIX, slots
 from ppc_attitude.science.stamps import instant, seconds
 
 _HORIZON = 3600.0  # [s] for which a design looks at the reference, unless a run is longer

@@ -43,7 +43,7 @@ from ppc_attitude.science.kernel import (
     vector,
 )
 from ppc_attitude.science.magnetorquers import B_DOT, LAW
-from ppc_attitude.science.parameter import RATE, at_start, filled, record_type
+from ppc_attitude.science.parameter import RATE, filled, record_type
 from ppc_attitude.science.plants.rigid_body import INITIAL_RATE
 from ppc_attitude.science.sensors import gyro, star_tracker
 from ppc_attitude.science.sensors.direct import SEED
@@ -67,12 +67,6 @@ STAR_FIX = Column(
     "measured attitude, tracker to inertial, x y z w, at the stamp of its validity; its variances "
     "[rad²] about the tracker's axes, the first one −1 if there is no fix",
     late=True,
-)
-INITIAL_FIX = at_start(
-    "initial_fix",
-    True,
-    "the tracker ran before the start: its first fix comes at once",
-    agreed=True,
 )
 _GYRO, _TRACKER = 0, 1
 PARTS = {
@@ -105,7 +99,7 @@ _SLOTS = 1024  # pending fixes, more than MAX_DELAY
 assert star_tracker.MAX_DELAY < _SLOTS
 CONFIGURATION = record_type(
     RATE,
-    INITIAL_FIX,
+    star_tracker.INITIAL_FIX,
     ("gyro", gyro.GYRO),
     ("tracker", star_tracker.STAR_TRACKER),
     ("coarse", np.float64),  # ratio of the gyro's LSB to its noise, if above 1: a dead band; else 0
@@ -285,7 +279,7 @@ def conditions(values: Mapping[str, Any], task: Task) -> Iterator[Condition]:
 
 COMPONENT = Component(
     name="gyro_star_tracker",
-    parameters=(*gyro.PARAMETERS, *star_tracker.PARAMETERS, INITIAL_FIX, SEED, FAULTS),
+    parameters=(*gyro.PARAMETERS, *star_tracker.PARAMETERS, star_tracker.INITIAL_FIX, SEED, FAULTS),
     configure=lambda values: filled(
         CONFIGURATION,
         values,

@@ -15,17 +15,20 @@
 """A star tracker: a whole attitude, noisier about its boresight z, that arrives late.
 
 It has no fix while the craft turns too fast, while it is blinded, and at random; and a fix may be
-false.
+false. Which fix arrives at which instant follows from the stamps alone (`Slots`), as an estimator's
+node must know.
 """
 
 import math
 from collections.abc import Mapping
+from fractions import Fraction
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ppc_attitude.science.attitude import exponential, normalised, product, unit_quaternion
+from ppc_attitude.science.component import Component
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.kernel import (
     NO_ATTITUDE,
@@ -40,7 +43,7 @@ from ppc_attitude.science.kernel import (
 )
 from ppc_attitude.science.noise import normal_vector, uniform
 from ppc_attitude.science.parameter import Parameter, at_start, filled, record_type
-from ppc_attitude.science.stamps import LATEST, span
+from ppc_attitude.science.stamps import LATEST, NANOSECONDS, nanoseconds, span
 
 _share = partial(Parameter, low=0.0, high=1.0)
 CROSS_NOISE = _share(
@@ -82,6 +85,12 @@ OUTLIER_SIZE = Parameter(
     "rad",
     low=0.0,
     high=math.pi,
+)
+INITIAL_FIX = at_start(
+    "initial_fix",
+    True,
+    "the tracker ran before the start: its first fix comes at once",
+    agreed=True,
 )
 MAX_RATE = Parameter(
     "star_tracker.max_rate",
@@ -127,6 +136,9 @@ ROUNDING = 7e-7
 A fix may arrive this much before its latency is over. No latency that is written in microseconds
 exceeds a whole number of steps by just this much, so sender and receiver never disagree.
 """
+TOLERANCE = nanoseconds(ROUNDING)
+"""How far a fix's stamp may be from its slot [ns]."""
+_SAY_WHEN = (RATE, LATENCY, INITIAL_FIX)
 MAX_BLINDINGS = 32
 MAX_DELAY = 1000  # [steps] a late fix must find the state of its validity among so many
 STAR_TRACKER = record_type(
@@ -273,3 +285,82 @@ def star_fix(
         axis = normal_vector(tracker.seed, step, _OUTLIER_AXIS)
         fix = product(fix, exponential(scale(tracker.outlier_size / norm(axis), axis)))
     return normalised(fix)
+
+
+def check_slots(component: Component) -> None:
+    """Check that a component that reads a late column has the parameters that say when it comes.
+
+    Raises
+    ------
+    ConfigurationError
+        It lacks a parameter of which `Slots` are made, or it reads several late columns, or no
+        other column.
+    """
+    lacking = [each.name for each in _SAY_WHEN if each.name not in component.defaults]
+    late = [column for column in component.inputs if column.late]
+    if late and not len(late) == 1 < len(component.inputs):
+        raise ConfigurationError(
+            f"{component.name} reads late {', '.join(each.name for each in late)}; allowed between "
+            "nodes: one such column, beside others; `ppc_attitude simulate` can run this"
+        )
+    for column in late:
+        if lacking:
+            raise ConfigurationError(
+                f"{component.name} reads {column.name}, which comes late, and has no parameter "
+                f"{', '.join(lacking)}, which say when it comes between nodes; "
+                "`ppc_attitude simulate` can run this"
+            )
+
+
+class Slots:
+    """Which fix arrives when; the first one is valid at stamp zero.
+
+    Parameters
+    ----------
+    values : mapping of str to value
+        Parameters of an estimator: fixes per second, latency [s], and whether the first fix comes
+        at once. A fix comes with the first instant that is not before its arrival.
+    """
+
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        # Exact, as so many ns for so many slots: a time since 1970 has more digits than a float.
+        self._ns, self._slots = (
+            NANOSECONDS / Fraction(float(values[RATE.name]))
+        ).as_integer_ratio()
+        self._latency = nanoseconds(float(values[LATENCY.name])) - TOLERANCE
+        self._initial = bool(values[INITIAL_FIX.name])
+
+    def due(self, last_ns: int | None, stamp_ns: int) -> int | None:
+        """Validity [ns] of the fix that arrives with a stamp [ns]; None if none does.
+
+        Parameters
+        ----------
+        last_ns : int or None
+            The stamp before; None if nobody knows it.
+        stamp_ns : int
+            The stamp.
+        """
+        if stamp_ns == 0 and self._initial:
+            return 0
+        slot = self._slot(stamp_ns - self._latency)
+        known = slot == 0 and self._initial
+        if slot < 0 or known or (last_ns is None and stamp_ns > 0):
+            return None
+        came_before = last_ns is not None and self._slot(last_ns - self._latency) >= slot
+        return None if came_before else self._stamp(slot)
+
+    def has(self, valid_ns: int) -> bool:
+        """Whether a stamp of validity [ns] is that of a slot."""
+        slot = self._slot(valid_ns + TOLERANCE)
+        return slot >= 0 and abs(self._stamp(slot) - valid_ns) <= TOLERANCE
+
+    def arrived(self, valid_ns: int, stamp_ns: int) -> bool:
+        """Whether a fix that was valid at `valid_ns` should have come by the stamp `stamp_ns`."""
+        return self._slot(stamp_ns - self._latency) >= self._slot(valid_ns + TOLERANCE)
+
+    def _slot(self, time_ns: int) -> int:
+        """Return the last slot that is not after a time [ns]."""
+        return time_ns * self._slots // self._ns
+
+    def _stamp(self, slot: int) -> int:
+        return round(Fraction(slot * self._ns, self._slots))
