@@ -33,8 +33,8 @@ from ppc_attitude.analysis.guarantee import _momentum, nodes_around
 from ppc_attitude.command_line.main import main
 from ppc_attitude.contract.run_record import Change
 from ppc_attitude.contract.topics import CONTROLLER, INJECTOR, PLANT, TRUE_RATE
-from ppc_attitude.science.guarantee.actuation import actuation_of, are_full, momentum_of
 from ppc_attitude.science.guarantee.assumptions import assumptions_of, law_of
+from ppc_attitude.science.guarantee.nodes import actuation_of, are_full, momentum_of
 from ppc_attitude.science.guarantee.surroundings import broken_assumptions, fastest_of
 from ppc_attitude.science.kernel import matrix
 from ppc_attitude.science.kinds import ACTUATORS, PLANTS

@@ -68,9 +68,14 @@ from ppc_attitude.science.controllers.tube_state import (
 from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.faults import FAULTS
-from ppc_attitude.science.guarantee.actuation import actuation_of, are_full, has_wheels, momentum_of
 from ppc_attitude.science.guarantee.assumptions import assumptions_of, law_of
-from ppc_attitude.science.guarantee.nodes import Nodes
+from ppc_attitude.science.guarantee.nodes import (
+    Nodes,
+    actuation_of,
+    are_full,
+    has_wheels,
+    momentum_of,
+)
 from ppc_attitude.science.guarantee.surroundings import DEVIATIONS, broken_assumptions, fastest_of
 from ppc_attitude.science.parameter import NodeParameters
 from ppc_attitude.science.wheels import SPEED

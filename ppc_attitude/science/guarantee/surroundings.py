@@ -29,17 +29,19 @@ from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.science.estimators import mekf
 from ppc_attitude.science.estimators.steady_state import first_knowledge
 from ppc_attitude.science.faults import FAULTS, fault_texts
-from ppc_attitude.science.guarantee.actuation import (
+from ppc_attitude.science.guarantee.arithmetic import FLOATS
+from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
+from ppc_attitude.science.guarantee.body import Body
+from ppc_attitude.science.guarantee.fixed_point import TUMBLING
+from ppc_attitude.science.guarantee.nodes import (
+    HARDWARE,
+    KNOWN,
+    Nodes,
     actuation_of,
     first_momentum,
     has_wheels,
     held_momentum,
 )
-from ppc_attitude.science.guarantee.arithmetic import FLOATS
-from ppc_attitude.science.guarantee.assumptions import Assumptions, Law
-from ppc_attitude.science.guarantee.body import Body
-from ppc_attitude.science.guarantee.fixed_point import TUMBLING
-from ppc_attitude.science.guarantee.nodes import HARDWARE, KNOWN, Nodes
 from ppc_attitude.science.inertia import inertia_error
 from ppc_attitude.science.kinds import ENVIRONMENTS, REFERENCES
 from ppc_attitude.science.plants import rigid_body
