@@ -27,7 +27,7 @@ from typing import Any, TextIO
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.requirements import Requirements, load_requirements
 from ppc_attitude.bags.reader import read_run
-from ppc_attitude.command_line.paths import new_file, new_folder, some_path
+from ppc_attitude.command_line.paths import new_bag, new_file, new_folder, some_path
 from ppc_attitude.command_line.verdict_view import verdict_table
 from ppc_attitude.contract.run_record import RunRecord
 from ppc_attitude.contract.topics import CONTROLLER, PLANT
@@ -223,7 +223,7 @@ def add_bag_option(
     parser: argparse.ArgumentParser, told: str = "folder of the bag; default a new, dated one"
 ) -> None:
     """Add --bag."""
-    parser.add_argument("--bag", metavar="DIR", type=new_folder, help=told)
+    parser.add_argument("--bag", metavar="DIR", type=new_bag, help=told)
 
 
 def number(

@@ -33,6 +33,14 @@ def new_folder(text: str) -> Path:
     return path
 
 
+def new_bag(text: str) -> Path:
+    """Parse the folder of a new bag."""
+    path = new_folder(text)
+    if path.exists():
+        raise argparse.ArgumentTypeError(f"{text} exists already and is not overwritten")
+    return path
+
+
 def new_file(*suffixes: str, replaces: Collection[str] = ()) -> Callable[[str], Path]:
     """Give a parser of the path of a new file; the folders above it need not exist yet.
 
@@ -81,19 +89,6 @@ def see_that_it_may_go(path: Path, *marks: str) -> None:
             f"{path} exists already and does not say that this command wrote it: it is not "
             "overwritten"
         )
-
-
-def new_bag(path: Path) -> Path:
-    """See that a bag can be made there.
-
-    Raises
-    ------
-    ConfigurationError
-        The folder exists.
-    """
-    if path.exists():
-        raise ConfigurationError(f"bag folder {path} exists already and is not overwritten")
-    return path
 
 
 def some_path(text: str) -> Path:

@@ -26,7 +26,6 @@ from ppc_attitude.bags.errors import BagError
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.command_line.in_process import check_memory
 from ppc_attitude.command_line.options import exit_code
-from ppc_attitude.command_line.paths import new_bag
 from ppc_attitude.command_line.progress import progress_bar
 from ppc_attitude.command_line.security import domain_of, secured
 from ppc_attitude.command_line.stack import Stack, StackError, private_environment
@@ -49,15 +48,10 @@ class Recording:
     """A run through the nodes, and its bag, by default in a new, dated folder.
 
     With a folder of keys the nodes are secured; keys are made if there are none.
-
-    Raises
-    ------
-    ConfigurationError
-        The folder of the bag exists.
     """
 
     def __init__(self, bag: Path | None, keys: Path | None = None) -> None:
-        self.bag = new_bag(bag or dated("bags").absolute())
+        self.bag = bag or dated("bags").absolute()
         self.told = f"bag: {self.bag}"
         """Where the bag is, for the user."""
         self._keys = keys

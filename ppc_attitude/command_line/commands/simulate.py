@@ -34,7 +34,7 @@ from ppc_attitude.command_line.options import (
     scenario_of,
     write_report_of,
 )
-from ppc_attitude.command_line.paths import new_bag, new_file
+from ppc_attitude.command_line.paths import new_file
 from ppc_attitude.command_line.stopping import stoppable
 from ppc_attitude.contract.topics import PLANT, RECORDER
 from ppc_attitude.contract.versions import versions
@@ -69,8 +69,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> int:
     """Simulate, judge, write, print."""
-    if arguments.bag:
-        new_bag(arguments.bag)
     scenario, required = scenario_of(arguments), requirements_of(arguments)
     check_memory(scenario)
     duration = scenario.number(PLANT, "duration")
