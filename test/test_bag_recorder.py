@@ -198,9 +198,9 @@ def test_a_node_that_is_started_again_is_asked_again(
 
 
 def test_a_recorder_that_cannot_write_what_it_learns_ends_as_a_broken_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """It ended with a traceback."""
+    """It ended with a traceback, and later told gaps in what it went on to hear, as of the bag."""
 
     def refuse(*_: str) -> None:
         raise BagError("the disk is full")
@@ -213,8 +213,13 @@ def test_a_recorder_that_cannot_write_what_it_learns_ends_as_a_broken_one(
         beside.until(sent.get_subscription_count)
         beside.send(ATTITUDE, 0, UNIT)
         beside.until(lambda: beside.node.wake() >= 0.0 and beside.node.failure)
+        beside.send(ATTITUDE, stamp_of(1, 100.0), UNIT)
+        recording = beside.node._recordings[""]
+        until(lambda: beside.node._take_gathered() or recording.now > 0, "the next state")
+        beside.node.close()
         assert (beside.node.failure, beside.node.exit_code) == ("the disk is full", BROKEN)
         node.destroy_node()
+    assert "is incomplete" not in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(("speaks", "since"), [(True, 2), (False, 3)])

@@ -330,7 +330,8 @@ class BagRecorder(BaseNode):
     def close(self) -> None:
         """Finish the bag, and say whether it is complete."""
         self._tell_restarted(ends=True)
-        gaps = [gap for home in self._recordings for gap in self._gaps(home)]
+        homes = () if self.failure else self._recordings  # the counts go on when the bag does not
+        gaps = [gap for home in homes for gap in self._gaps(home)]
         try:
             if not self.failure:
                 self._writer.set_custom_data(GAPS_KEY, json.dumps(gaps))
