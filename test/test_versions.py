@@ -16,8 +16,12 @@
 
 import os
 import shutil
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
+from typing import Any
+from unittest.mock import Mock
 
 import numba
 import numpy
@@ -29,6 +33,9 @@ from synthetic import without_columns
 from ppc_attitude.bags.reader import read_run
 from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.contract.versions import of_another_state, versions
+from ppc_attitude.falsify.goals import Goal
+from ppc_attitude.falsify.search import Search
+from ppc_attitude.science.errors import ConfigurationError
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import scenario
 
@@ -92,3 +99,15 @@ def test_a_topic_that_another_state_of_the_package_may_not_have_sent_is_told_as_
     (warning,) = read_run(tmp_path / "bag").warnings
     assert warning.startswith("the bag lacks messages of control/auxiliary_state; the run was made")
     assert warning.endswith(", whose nodes may not send them")
+
+
+def test_a_worker_of_a_search_with_other_versions_refuses(tmp_path: Path) -> None:
+    """One without the package of a component blamed the configuration."""
+
+    def submit(task: Callable[..., float], made_with: Mapping[str, str], *rest: Any) -> float:
+        return task({**made_with, "of_a_law": "1.0"}, *rest)
+
+    adversary = Search(Mock(size=2, to_json=dict), Goal("terminal"), tmp_path, seed=1)
+    told = r"a worker has other versions .*: of_a_law absent there, 1\.0 here"
+    with pytest.raises(ConfigurationError, match=told):
+        next(adversary.run(9, 60.0, Mock(submit=submit), Event()))

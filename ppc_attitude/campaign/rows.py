@@ -26,7 +26,7 @@ from ppc_attitude.analysis.verdict import Metrics
 from ppc_attitude.campaign.declaration import Campaign, drawn_run, scenario_of_run
 from ppc_attitude.campaign.quantile_bands import Levels, levels_of
 from ppc_attitude.campaign.variables import drawn_columns
-from ppc_attitude.contract.versions import versions
+from ppc_attitude.contract.versions import of_another_worker
 from ppc_attitude.simulation.closed_loop import Loop, simulate
 
 Row: TypeAlias = dict[str, Any]
@@ -59,9 +59,6 @@ def row_types(campaign: Campaign) -> dict[str, type]:
         },
         "error": str,
     }
-
-
-_INDIFFERENT = {"python", "rosbags", "rclpy", "git_revision"}  # no version of these changes numbers
 
 
 class CampaignError(RuntimeError):
@@ -106,17 +103,8 @@ def run_chunk(campaign: Campaign, start: int, stop: int, loop: Loop | None = Non
     CampaignError
         This process has other versions than the campaign's, so its numbers could differ.
     """
-    there, here = versions(), campaign.made_with
-    different = [
-        f"{name} {there.get(name, 'absent')} there, {here.get(name, 'absent')} here"
-        for name in here
-        if name not in _INDIFFERENT and there.get(name) != here.get(name)
-    ]
-    if different:
-        raise CampaignError(
-            f"a worker has other versions than this command, so its results could differ: "
-            f"{', '.join(different)}"
-        )
+    if told := of_another_worker(campaign.made_with):
+        raise CampaignError(told)
     loop, empty = loop or loop_of(campaign), dict.fromkeys(row_types(campaign))
     return [_outcome(campaign, index, loop, empty) for index in range(start, stop)]
 

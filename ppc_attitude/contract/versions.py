@@ -26,6 +26,7 @@ from ppc_attitude import __version__
 from ppc_attitude.science.kinds import KINDS
 
 _PACKAGES = ("numpy", "numba", "scipy", "rosbags", "rclpy")
+_INDIFFERENT = {"python", "rosbags", "rclpy", "git_revision"}  # no version of these changes numbers
 
 
 def versions_of_others() -> dict[str, str]:
@@ -66,6 +67,18 @@ def of_another_state(metadata: Mapping[str, str]) -> str:
         if was and now and was != now:
             return f"the run was made by another ppc_attitude ({name} {was}, here {now})"
     return ""
+
+
+def of_another_worker(made_with: Mapping[str, str]) -> str:
+    """Say that this process, a worker, has other `versions` than a command; empty if it has not."""
+    there = versions()
+    different = [
+        f"{name} {there.get(name, 'absent')} there, {here} here"
+        for name, here in made_with.items()
+        if name not in _INDIFFERENT and there.get(name) != here
+    ]
+    told = "a worker has other versions than this command, so its results could differ"
+    return f"{told}: {', '.join(different)}" if different else ""
 
 
 def _git_revision() -> str:

@@ -21,7 +21,7 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, wait
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -32,6 +32,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.contract.run_record import Array
+from ppc_attitude.contract.versions import of_another_worker, versions
 from ppc_attitude.contract.whole_file import naming
 from ppc_attitude.contract.yaml_file import parsed_json
 from ppc_attitude.falsify.goals import Goal
@@ -128,15 +129,15 @@ class Search:
         Raises
         ------
         ConfigurationError
-            Another search uses or has used the folder, its file has been changed, or its worst case
-            flies otherwise now.
+            Another search uses or has used the folder, its file has been changed, its worst case
+            flies otherwise now, or a worker has other versions than this process.
         """
         end = time.monotonic() + seconds
         best = Found(0, -np.inf, np.zeros(self.space.size))
         value = partial(evaluated, self.space, self.goal)
 
         def flown(choices: list[Array]) -> list[float] | None:
-            flights = [executor.submit(value, each) for each in choices]
+            flights = [executor.submit(_elsewhere, versions(), value, each) for each in choices]
             while wait(flights, timeout=_GLANCE).not_done:
                 check()
                 if stop.is_set():
@@ -193,6 +194,13 @@ class Search:
             )
             while not strategy.stop():
                 yield strategy, strategy.ask()
+
+
+def _elsewhere(made_with: Mapping[str, str], value: Callable[[Array], float], x: Array) -> float:
+    """Value for one choice, if the process that computes has the versions of the one that asks."""
+    if told := of_another_worker(made_with):
+        raise ConfigurationError(told)
+    return value(x)
 
 
 def evaluated(space: Space, goal: Goal, x: Array) -> float:
