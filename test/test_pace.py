@@ -229,6 +229,7 @@ def test_lockstep_waits_for_a_recorder_that_lags_and_for_no_other() -> None:
     bench.absent.add(RECORDED_TOPIC.name)
     bench.wake()
     assert bench.pace.step == 7000 + 502, "the answers that have come are enough"
+    assert bench.said == ["the recorder has gone: no wait for it from t = 75.010 s on"]
     for _ in range(4000):
         bench.answer()
     assert bench.pace.step > 11000

@@ -159,6 +159,8 @@ class Pace(ABC):
         gone = self._lags() and not self.craft.is_published(RECORDED_TOPIC.name)
         if gone:
             self._recorded = None
+            told = f"the recorder has gone: no wait for it from t = {seconds(self.stamp):.3f} s on"
+            self.craft.announce(told, warning=True)
         return gone
 
     @abstractmethod
