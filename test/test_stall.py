@@ -60,3 +60,12 @@ def test_a_plant_that_tells_nothing_more_hangs_and_one_that_repeats_its_time_is_
     )
     assert reason(stall, 105.0) == f"no step for 30 s: {CONTROLLER_WAITS}", "that is the cause"
     assert reason(stall, 105.0, 30.0, hindrances=()) == ""
+
+
+def test_a_run_that_was_paused_with_who_looks_at_it_is_not_given_up_for_that() -> None:
+    """It named a node that had just been let go on."""
+    stall = Stall(100.0)
+    for now in (100.1, 104.0, 204.0):
+        stall.look(now)
+    assert reason(stall, 229.9) == ""
+    assert reason(stall, 230.0), "the look before the pause was the last that saw no step"

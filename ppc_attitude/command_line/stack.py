@@ -167,6 +167,7 @@ class Stack:
         """
         plant = self.nodes[PLANT]
         plant.listen(patience)
+        self._stall.look(time.monotonic())
         ended = {name: code for name, code in self.exit_codes().items() if code is not None}
         self.told()  # afterwards, so that all that a process told before its end is heard
         now: float | None = plant.told.pop(TIME, None)

@@ -27,6 +27,7 @@ OK, WARN, ERROR, STALE = b"\x00", b"\x01", b"\x02", b"\x03"
 _LOG_PERIOD = 1.0  # [s] the same complaint is logged at most this often
 _IDLE = 2.0  # [s] of silence after which diagnostics follow the wall clock
 _STALLED = 30.0  # [s] without a step after which a run is given up
+_UNSEEN = 5.0  # [s] without a look that show that the one who looks was paused, too
 
 
 class Status(NamedTuple):
@@ -114,13 +115,21 @@ class Stall:
     """Tells when a run has stalled; `now` is always the time of the wall clock [s].
 
     Time in which a node waited for the processor does not count: nobody's fault. Time in which a
-    node uses the processor counts: one that computes for ever never answers.
+    node uses the processor counts: one that computes for ever never answers. Time in which nobody
+    looked does not count either: a container that is paused pauses the nodes and who looks.
     """
 
     def __init__(self, now: float) -> None:
-        self._advanced = now
+        self._advanced = self._looked = now
         self._heard = inf  # when the plant told its time, be it the same as before
         self._starved: Mapping[str, float] = {}
+
+    def look(self, now: float) -> None:
+        """Take that somebody looks, as happens several times a second."""
+        if (unseen := now - self._looked) > _UNSEEN:
+            self._advanced += unseen
+            self._heard += unseen
+        self._looked = now
 
     def advance(self, now: float, starved: Mapping[str, float]) -> None:
         """Take that simulated time went on, and how long each node had starved by then [s]."""
