@@ -51,7 +51,10 @@ FLOORS: dict[str, tuple[set[str], set[str]]] = {
         {"science", "contract", "simulation", "analysis", "processes"},
         {"cma", "distributed", "matplotlib", "numpy", "pyarrow", "scipy", "yaml"},
     ),
-    "falsify": ({"science", "contract", "simulation", "analysis"}, {"cma", "numpy"}),
+    "falsify": (
+        {"science", "contract", "simulation", "analysis", "processes"},
+        {"cma", "numpy"},
+    ),
     "bags": (
         {"science", "contract"},
         {"lz4", "mcap", "numpy", "pyarrow", "rosbags", "yaml", "zstandard"},

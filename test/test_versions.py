@@ -35,7 +35,7 @@ from ppc_attitude.bags.run_writer import write_run
 from ppc_attitude.contract.versions import of_another_state, versions
 from ppc_attitude.falsify.goals import Goal
 from ppc_attitude.falsify.search import Search
-from ppc_attitude.science.errors import ConfigurationError
+from ppc_attitude.processes.exits import RunError
 from ppc_attitude.simulation.closed_loop import simulate
 from ppc_attitude.simulation.scenario import scenario
 
@@ -109,5 +109,5 @@ def test_a_worker_of_a_search_with_other_versions_refuses(tmp_path: Path) -> Non
 
     adversary = Search(Mock(size=2, to_json=dict), Goal("terminal"), tmp_path, seed=1)
     told = r"a worker has other versions .*: of_a_law absent there, 1\.0 here"
-    with pytest.raises(ConfigurationError, match=told):
+    with pytest.raises(RunError, match=told):
         next(adversary.run(9, 60.0, Mock(submit=submit), Event()))

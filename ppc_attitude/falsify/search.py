@@ -37,6 +37,7 @@ from ppc_attitude.contract.whole_file import naming
 from ppc_attitude.contract.yaml_file import parsed_json
 from ppc_attitude.falsify.goals import Goal
 from ppc_attitude.falsify.space import Space
+from ppc_attitude.processes.exits import RunError
 from ppc_attitude.science.errors import ConfigurationError, needed_by
 from ppc_attitude.simulation.closed_loop import simulate
 
@@ -129,8 +130,10 @@ class Search:
         Raises
         ------
         ConfigurationError
-            Another search uses or has used the folder, its file has been changed, its worst case
-            flies otherwise now, or a worker has other versions than this process.
+            Another search uses or has used the folder, its file has been changed, or its worst case
+            flies otherwise now.
+        RunError
+            A worker has other versions than this process.
         """
         end = time.monotonic() + seconds
         best = Found(0, -np.inf, np.zeros(self.space.size))
@@ -199,7 +202,7 @@ class Search:
 def _elsewhere(made_with: Mapping[str, str], value: Callable[[Array], float], x: Array) -> float:
     """Value for one choice, if the process that computes has the versions of the one that asks."""
     if told := of_another_worker(made_with):
-        raise ConfigurationError(told)
+        raise RunError(told)
     return value(x)
 
 
