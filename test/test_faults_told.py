@@ -36,9 +36,9 @@ from ppc_attitude.analysis.envelopes import ENVELOPES
 from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.figures import error_figure
 from ppc_attitude.analysis.guarantee import certificate_held
-from ppc_attitude.analysis.interactive import plotted
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.metrics import Verdict
+from ppc_attitude.analysis.page import plotted
 from ppc_attitude.analysis.report import write_report
 from ppc_attitude.command_line.verdict_view import verdict_table
 from ppc_attitude.contract.run_record import Change, RunRecord

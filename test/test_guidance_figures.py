@@ -32,9 +32,9 @@ from ppc_attitude.analysis.drawing import BLUE, ORANGE, RED
 from ppc_attitude.analysis.figures import figures_of
 from ppc_attitude.analysis.flight import approaches_of, flight_of, pointed
 from ppc_attitude.analysis.guidance_figures import guidance_drawings
-from ppc_attitude.analysis.interactive import plotted
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.metrics import Verdict
+from ppc_attitude.analysis.page import plotted
 from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.analysis.series import AnalysisError
 from ppc_attitude.contract.run_record import Change, RunRecord

@@ -27,9 +27,8 @@ from synthetic import (
     with_parameters,
 )
 
-from ppc_attitude.analysis.hits import pulses_of
+from ppc_attitude.analysis.hits import Pulse, pulses_of
 from ppc_attitude.analysis.metrics import Verdict
-from ppc_attitude.analysis.pulses import Pulse
 from ppc_attitude.analysis.requirements import Requirements
 from ppc_attitude.contract.run_record import Change
 from ppc_attitude.contract.topics import INJECTOR, PLANT

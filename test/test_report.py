@@ -28,9 +28,9 @@ from conftest import nothing_drawn
 from synthetic import hit_run, normal_run, with_columns, with_rows, without_columns
 
 from ppc_attitude.analysis.figures import figures_of
-from ppc_attitude.analysis.interactive import plotted, replay
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.metrics import Verdict
+from ppc_attitude.analysis.page import plotted, replay
 from ppc_attitude.analysis.report import write_report
 from ppc_attitude.command_line.verdict_view import verdict_table
 from ppc_attitude.contract.run_record import Change

@@ -27,9 +27,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ppc_attitude.analysis.gaps import absent_in
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.series import has, is_finite, samples, zero_ns
+from ppc_attitude.analysis.series import absent_in, has, is_finite, samples, zero_ns
 from ppc_attitude.analysis.truth import truth_of
 from ppc_attitude.analysis.verdict import Requirement
 from ppc_attitude.contract.run_record import Array, RunRecord

@@ -23,9 +23,8 @@ import numpy as np
 from ppc_attitude.analysis.envelopes import beyond
 from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import ATTITUDE_VARIANCES, RATE_VARIANCES, sigmas_of
-from ppc_attitude.analysis.gaps import absent_in
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.series import Mask, has, known, samples
+from ppc_attitude.analysis.series import Mask, absent_in, has, known, samples
 from ppc_attitude.analysis.truth import (
     UNKNOWN,
     errors_of,

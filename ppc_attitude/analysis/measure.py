@@ -21,9 +21,7 @@ from typing import Any
 import numpy as np
 
 from ppc_attitude.analysis.envelopes import Envelope, beyond, bound_of, envelopes_of, outside
-from ppc_attitude.analysis.gaps import absent_spans, clipped, known_span, lacks_too_much
-from ppc_attitude.analysis.hits import pulses_of, window
-from ppc_attitude.analysis.pulses import Pulse
+from ppc_attitude.analysis.hits import Pulse, pulses_of, window
 from ppc_attitude.analysis.requirements import (
     PAPER,
     Accuracy,
@@ -33,12 +31,18 @@ from ppc_attitude.analysis.requirements import (
 )
 from ppc_attitude.analysis.series import (
     Mask,
+    Span,
+    absent_spans,
+    clipped,
     elapsed,
     has,
     known,
+    known_span,
+    lacks_too_much,
     largest,
     lasting,
     samples,
+    span_text,
     topic_of,
     vectors,
 )
@@ -49,7 +53,7 @@ from ppc_attitude.analysis.truth import (
     pointing_errors,
     truth_of,
 )
-from ppc_attitude.analysis.verdict import Disturbance, Metrics, Requirement, Span, span_text
+from ppc_attitude.analysis.verdict import Disturbance, Metrics, Requirement
 from ppc_attitude.contract.cdr import LARGEST
 from ppc_attitude.contract.declared import ATTITUDE_ERROR, BY_COLUMN, RATE_ERROR
 from ppc_attitude.contract.run_record import Array, RunRecord

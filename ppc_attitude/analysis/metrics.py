@@ -67,13 +67,24 @@ from ppc_attitude.analysis.envelopes import Envelope, envelopes_of, outside
 from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import judge_filter
 from ppc_attitude.analysis.flight import judge_cones, judge_orders
-from ppc_attitude.analysis.gaps import absent_in, absent_spans, clipped, not_on_record
 from ppc_attitude.analysis.guarantee import judge_certificate
 from ppc_attitude.analysis.hits import window
 from ppc_attitude.analysis.measure import Measured
 from ppc_attitude.analysis.requirements import DEGREES, PAPER, Accuracy, Requirements, outside_names
 from ppc_attitude.analysis.reserves import judge_actuators
-from ppc_attitude.analysis.series import Mask, has, is_regular, largest, samples, zero_ns
+from ppc_attitude.analysis.series import (
+    Mask,
+    absent_in,
+    absent_spans,
+    clipped,
+    has,
+    is_regular,
+    largest,
+    not_on_record,
+    samples,
+    span_text,
+    zero_ns,
+)
 from ppc_attitude.analysis.truth import EXACT, RECORDED, lost, told_noise
 from ppc_attitude.analysis.verdict import (
     MET,
@@ -83,7 +94,6 @@ from ppc_attitude.analysis.verdict import (
     ErrorSize,
     Requirement,
     number_text,
-    span_text,
 )
 from ppc_attitude.contract.declared import ATTITUDE_ERROR, BY_COLUMN
 from ppc_attitude.contract.run_record import RunRecord

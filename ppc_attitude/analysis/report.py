@@ -20,7 +20,6 @@ from pathlib import Path
 
 from ppc_attitude.analysis.comparison import comparisons_of, run_labels
 from ppc_attitude.analysis.figures import figures_of
-from ppc_attitude.analysis.interactive import replay
 from ppc_attitude.analysis.metrics import Verdict
 from ppc_attitude.analysis.page import (
     Html,
@@ -29,12 +28,13 @@ from ppc_attitude.analysis.page import (
     configuration,
     figures,
     pairs,
+    replay,
     table,
     write_page,
 )
-from ppc_attitude.analysis.series import AnalysisError
+from ppc_attitude.analysis.series import AnalysisError, span_text
 from ppc_attitude.analysis.truth import STANDING
-from ppc_attitude.analysis.verdict import Requirement, number_text, span_text, torque_text
+from ppc_attitude.analysis.verdict import Requirement, number_text, torque_text
 from ppc_attitude.science.stamps import instant
 
 _METRICS = (

@@ -22,9 +22,8 @@ from contextlib import suppress
 
 import numpy as np
 
-from ppc_attitude.analysis.gaps import absent_in
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.series import has, is_finite, largest, samples
+from ppc_attitude.analysis.series import absent_in, has, is_finite, largest, samples
 from ppc_attitude.analysis.verdict import Requirement
 from ppc_attitude.contract.run_record import Array, RunRecord
 from ppc_attitude.contract.topics import APPLIED_TORQUE, PLANT

@@ -12,7 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The series of a `RunRecord` as the analysis reads them: time of the run, vectors, gaps."""
+"""The series of a `RunRecord` as the analysis reads them: time of the run, vectors, gaps.
+
+What of a run is not on record is a gap: nobody knows what the craft did meanwhile.
+"""
 
 from collections.abc import Callable, Iterable
 from functools import wraps
@@ -22,12 +25,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.contract.declared import BY_COLUMN
-from ppc_attitude.contract.run_record import Array, RunRecord, is_steady
+from ppc_attitude.contract.run_record import LONGEST, USUAL, Array, RunRecord, is_steady
 from ppc_attitude.contract.topics import PLANT
 from ppc_attitude.science.parameter import LARGEST
-from ppc_attitude.science.stamps import LATEST, NANOSECONDS
+from ppc_attitude.science.stamps import LATEST, NANOSECONDS, instant
 
 Mask = NDArray[np.bool_]
+Span = tuple[float, float]
+"""A part of a run, from and to [s]."""
+_SHARE = 0.1  # of a judged span that may be absent
 _Names = ParamSpec("_Names")
 _Found = TypeVar("_Found")
 _OfRecord = Callable[Concatenate[RunRecord, _Names], _Found]
@@ -202,3 +208,62 @@ def largest(values: Array | None, where: Mask | slice = slice(None)) -> float | 
         return float(most)
     finite = picked[np.isfinite(picked)]
     return float(finite.max()) if finite.size else None
+
+
+def known_span(t: Array, values: Array) -> Span | None:
+    """First and last instant [s] with a finite value, each of shape (n,); None if none is."""
+    finite = t[np.isfinite(values)]
+    return (float(finite[0]), float(finite[-1])) if finite.size else None
+
+
+def absent_spans(record: RunRecord, known: Mask) -> tuple[Span, ...]:
+    """Between which instants [s] nothing is known for long; the mask has shape (n,).
+
+    What is before the first one that is known is not absent: it has not begun.
+    """
+    t = elapsed(record)
+    if t.size < 2 or (known.all() and _has_no_gap(record)):
+        return ()
+    # Steps that vary are not long because of their median.
+    longest = LONGEST * max(step(t), float(np.quantile(np.diff(t), USUAL)))
+    told = t[known]
+    told = np.append(told, t[-1]) if told.size else told
+    long = np.flatnonzero(np.round(np.diff(told) / longest, 6) > 1.0)
+    return tuple((float(told[k]), float(told[k + 1])) for k in long)
+
+
+def absent_in(record: RunRecord, *columns: str) -> tuple[Span, ...]:
+    """Between which instants [s] one of some columns of a record has no sample for long."""
+    known = [is_finite(record, each) for each in columns]
+    return absent_spans(record, np.logical_and.reduce(known))
+
+
+@once
+def _has_no_gap(record: RunRecord) -> bool:
+    t = elapsed(record)
+    return bool(np.diff(t).max() <= LONGEST * step(t))
+
+
+def clipped(spans: Iterable[Span], within: Span) -> tuple[Span, ...]:
+    """The parts of some spans [s] that lie within another."""
+    parts = ((max(start, within[0]), min(end, within[1])) for start, end in spans)
+    return tuple(part for part in parts if part[0] < part[1])
+
+
+def lacks_too_much(spans: Iterable[Span], within: Span) -> str:
+    """Why a span [s] cannot be judged of which some are absent; empty if it can."""
+    parts = clipped(spans, within)
+    absent = sum(end - start for start, end in parts)
+    if absent <= _SHARE * (within[1] - within[0]):
+        return ""
+    return not_on_record(*parts)
+
+
+def not_on_record(*spans: Span) -> str:
+    """Say that some spans are not on record."""
+    return f"nothing is on record from {', '.join(map(span_text, spans))} s"
+
+
+def span_text(span: Span | None) -> str:
+    """Write a part of a run for a reader."""
+    return "–" if span is None else f"{instant(span[0])} to {instant(span[1])}"

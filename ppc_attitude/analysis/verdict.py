@@ -18,13 +18,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ppc_attitude.analysis.pulses import Pulse
-from ppc_attitude.science.stamps import instant
+from ppc_attitude.analysis.hits import Pulse
+from ppc_attitude.analysis.series import Span, span_text
 
 MET, NOT_MET, NOT_JUDGED = "met", "NOT MET", "not judged"
-
-Span = tuple[float, float]
-"""A part of a run, from and to [s]."""
 
 
 @dataclass(frozen=True)
@@ -163,8 +160,3 @@ def torque_text(disturbance: Disturbance) -> str:
 def number_text(value: float) -> str:
     """Write a number as a reader wants it: four digits."""
     return f"{value:.4g}"
-
-
-def span_text(span: Span | None) -> str:
-    """Write a part of a run for a reader."""
-    return "–" if span is None else f"{instant(span[0])} to {instant(span[1])}"

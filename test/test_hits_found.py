@@ -20,7 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import environment, pulse_torque, times
 
-from ppc_attitude.analysis.pulses import find_pulses
+from ppc_attitude.analysis.hits import find_pulses
 
 RATES = [50.0, 100.0, 333.0, 1000.0]
 HIT = (0.8, 0.8, 0.8)
