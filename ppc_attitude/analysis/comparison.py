@@ -161,7 +161,7 @@ _Comparison = Callable[[Sequence[Measured], Sequence[str]], Figure]
 
 def _comparisons(runs: Sequence[Measured]) -> Iterator[tuple[str, str, _Comparison]]:
     """Name of a figure's file, caption, and the function that draws it."""
-    bounded = {each.error for run in runs for each in envelopes_of(run.record)}
+    bounded = {error for run in runs for error in envelopes_of(run.record)}
     yield "comparison_attitude_error", "Pointing errors in the envelopes", attitude_comparison
     yield "comparison_angular_velocity", "Angular velocities", angular_velocity_comparison
     for each in {each.error: each for each in reversed(ENVELOPES)}.values():

@@ -86,19 +86,20 @@ ENVELOPES = tuple(Envelope(error, bound) for error, bound in BOUNDS)
 
 
 @once
-def declared(record: RunRecord) -> tuple[Envelope, ...]:
-    """Envelopes that the components of a run declare, whether or not it has their columns."""
+def declared(record: RunRecord) -> dict[str, Envelope]:
+    """Envelopes that the components of a run declare, by the error; it may lack their columns."""
     pairs = bounds_of(record.controller, record.parameters)
-    return tuple(Envelope(error, bound) for error, bound in pairs)
+    return {error: Envelope(error, bound) for error, bound in pairs}
 
 
 def bound_of(record: RunRecord, error: str) -> str:
     """Column that bounds an error in a run; empty if the components declare none."""
-    return next((each.bound for each in declared(record) if each.error == error), "")
+    found = declared(record).get(error)
+    return found.bound if found else ""
 
 
 @once
-def envelopes_of(record: RunRecord) -> tuple[Envelope, ...]:
-    """Envelopes of which the record has both columns."""
-    found = declared(record)
-    return tuple(each for each in found if has(record, each.error) and has(record, each.bound))
+def envelopes_of(record: RunRecord) -> dict[str, Envelope]:
+    """Envelopes of which the record has both columns, by the error."""
+    pairs = declared(record).items()
+    return {error: own for error, own in pairs if has(record, error) and has(record, own.bound)}

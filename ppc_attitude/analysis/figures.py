@@ -110,14 +110,9 @@ def error_figure(run: Measured, envelope: Envelope) -> Figure:
     return _in_envelope(run, envelope, error, bound)
 
 
-def _is_bounded(record: RunRecord) -> bool:
-    """Whether the law tells an attitude error of its own and what bounds it."""
-    return any(each.error == ATTITUDE.error for each in envelopes_of(record))
-
-
 def attitude_figure(run: Measured) -> Figure:
     """Draw the pointing error, unless it is the law's own error, which is drawn in its envelope."""
-    if _is_bounded(run.record) and run.truth.standing != RECORDED:
+    if ATTITUDE.error in envelopes_of(run.record) and run.truth.standing != RECORDED:
         raise AnalysisError(f"{run.record.source}: has an envelope")
     return _in_envelope(run, ATTITUDE, pointing_errors(run.record).quaternions[:, :3], None)
 
@@ -182,7 +177,7 @@ def disturbance_figure(run: Measured) -> Figure:
 
 def transformed_errors_figure(run: Measured) -> Figure:
     """Draw each of the law's own errors over its envelope, which stays within ±1 inside it."""
-    pairs = envelopes_of(run.record)
+    pairs = envelopes_of(run.record).values()
     if not pairs:
         raise AnalysisError(f"{run.record.source}: the record has no envelope")
     figure, shown = panels(len(pairs), share_x=True)
@@ -260,10 +255,10 @@ def column_figure(run: Measured, column: str) -> Figure:
 def _drawings(record: RunRecord) -> Iterator[Drawing]:
     """Name of a figure's file, caption, and the function that draws it."""
     yield "pointing_error", "Attitude error as an angle", pointing_figure
-    own = _is_bounded(record)  # the law's own error, in its envelope, has that name
+    own = ATTITUDE.error in envelopes_of(record)  # the law's own, in its envelope, has that name
     name, caption = ("true_attitude_error", "True a") if own else ("attitude_error", "A")
     yield name, f"{caption}ttitude error", attitude_figure
-    for each in envelopes_of(record):
+    for each in envelopes_of(record).values():
         who = BY_COLUMN[each.error].source
         caption = f"{each.name.capitalize()} in its envelope, as {who} reports it"
         yield each.error, caption, partial(error_figure, envelope=each)
@@ -277,7 +272,7 @@ def _drawings(record: RunRecord) -> Iterator[Drawing]:
     yield from guidance_drawings(record)
     drawn = {UNSATURATED_TORQUE.column, ATTITUDE.error, *(each.column for each in STANDARD)}
     drawn.add("gyro_bias_sigma")
-    drawn |= {column for each in declared(record) for column in (each.error, each.bound)}
+    drawn |= {column for each in declared(record).values() for column in (each.error, each.bound)}
     if not has(record, REFERENCE_ATTITUDE.column):
         drawn.remove(truth_of(record).attitude)  # where there is no error to draw
     if not has(record, APPLIED_TORQUE.column):

@@ -54,12 +54,11 @@ def levels_of(record: RunRecord, sizes: Array) -> Levels:
     """
     starts, _ = time_bins(record.stamps_ns)
     values = [sizes]
-    for each in envelopes_of(record):
-        if each.error == ATTITUDE.error:
-            envelope = record[each.bound].T
-            envelope = np.where(envelope > 0.0, envelope, np.nan)  # none without an attitude
-            own = np.abs(record[each.error][:, : envelope.shape[0]]).T
-            values += [envelope.max(axis=0), (own / envelope).max(axis=0)]
+    if own := envelopes_of(record).get(ATTITUDE.error):
+        envelope = record[own.bound].T
+        envelope = np.where(envelope > 0.0, envelope, np.nan)  # none without an attitude
+        error = np.abs(record[own.error][:, : envelope.shape[0]]).T
+        values += [envelope.max(axis=0), (error / envelope).max(axis=0)]
     levels = np.full((len(QUANTITIES), starts.size), UNKNOWN, np.uint8)
     for row, value in zip(levels, values, strict=False):
         peaks = np.maximum.reduceat(value, starts)
