@@ -14,7 +14,6 @@
 
 """The faults of a run: which of the plant's hardware failed, from when to when."""
 
-from collections.abc import Iterator
 from contextlib import suppress
 from itertools import pairwise
 from typing import NamedTuple
@@ -47,8 +46,12 @@ def faults_of(record: RunRecord) -> tuple[Acting, ...]:
     for part, told in record.stretches(changes):
         known = fault_texts(told.get(PLANT, {}))[:MOST_FAULTS]  # a plant takes no more
         since, until = record.stamps_ns.take([part.start, part.stop], mode="clip").tolist()
-        times = sorted({since, until, *(t for t in _times(known) if since < t < until)})
-        for begin, end in pairwise(times):
+        times = {since, until}
+        for text in known:
+            with suppress(ConfigurationError):
+                fault = fault_of(text)
+                times |= {t for t in (fault.start_ns, fault.end_ns) if since < t < until}
+        for begin, end in pairwise(sorted(times)):
             for what in acting_of(known, begin):
                 spans = found.setdefault(what, [])
                 touches = spans and spans[-1][1] == begin
@@ -60,11 +63,3 @@ def faults_of(record: RunRecord) -> tuple[Acting, ...]:
         for begin, end in spans
     ]
     return tuple(sorted(every, key=lambda each: each.start_s))
-
-
-def _times(texts: list[str]) -> Iterator[int]:
-    """Instants [ns] at which a fault begins or ends."""
-    for text in texts:
-        with suppress(ConfigurationError):
-            fault = fault_of(text)
-            yield from (fault.start_ns, fault.end_ns)

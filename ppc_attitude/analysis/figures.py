@@ -270,8 +270,8 @@ def _drawings(record: RunRecord) -> Iterator[Drawing]:
     yield "innovation", "Innovation of each fix by its σ, and its square (NIS)", innovation_figure
     yield "gyro_bias", "Estimated bias of the gyro, with 3σ", bias_figure
     yield from guidance_drawings(record)
-    drawn = {UNSATURATED_TORQUE.column, ATTITUDE.error, *(each.column for each in STANDARD)}
-    drawn.add("gyro_bias_sigma")
+    drawn = {UNSATURATED_TORQUE.column, ATTITUDE.error, "gyro_bias_sigma"}
+    drawn |= {each.column for each in STANDARD}
     drawn |= {column for each in declared(record).values() for column in (each.error, each.bound)}
     if not has(record, REFERENCE_ATTITUDE.column):
         drawn.remove(truth_of(record).attitude)  # where there is no error to draw

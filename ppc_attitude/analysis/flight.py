@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.series import absent_in, has, is_finite, samples, zero_ns
+from ppc_attitude.analysis.series import has, is_finite, samples, zero_ns
 from ppc_attitude.analysis.truth import truth_of
 from ppc_attitude.analysis.verdict import Requirement
 from ppc_attitude.contract.run_record import Array, RunRecord
@@ -311,6 +311,6 @@ def judge_cones(run: Measured) -> Iterator[Requirement]:
         angle, half_angle = np.rad2deg([worst.angle, worst.half_angle])
         note = f"came within {angle:.4g}° of {worst.direction}, allowed {half_angle:.4g}°"
         row = ("keep_out", float(half_angle - angle), 0.0, "deg", why)
-        yield run.row(*row, note=note, absent=absent_in(run.record, run.truth.attitude))
+        yield run.row(*row, note=note, columns=(run.truth.attitude,))
     elif why:  # cones that came in flight
         yield run.row("keep_out", None, 0.0, "deg", why)

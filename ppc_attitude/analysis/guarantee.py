@@ -24,7 +24,7 @@ from ppc_attitude.analysis.envelopes import beyond
 from ppc_attitude.analysis.faults import faults_of
 from ppc_attitude.analysis.filter_health import ATTITUDE_VARIANCES, RATE_VARIANCES, sigmas_of
 from ppc_attitude.analysis.measure import Measured
-from ppc_attitude.analysis.series import Mask, absent_in, has, known, samples
+from ppc_attitude.analysis.series import Mask, has, known, samples
 from ppc_attitude.analysis.truth import (
     UNKNOWN,
     errors_of,
@@ -293,6 +293,5 @@ def judge_certificate(run: Measured) -> Iterator[Requirement]:
     if held is not None:
         time = run.time(held.outside)
         why = held.reason or run.lacks_time
-        judged = [each for each in (run.truth.attitude, *_NEEDED) if has(run.record, each)]
-        absent = () if why else absent_in(run.record, *judged)
-        yield run.row("certificate", time, 0.0, "s", why, note=held.note, absent=absent)
+        judged = tuple(each for each in (run.truth.attitude, *_NEEDED) if has(run.record, each))
+        yield run.row("certificate", time, 0.0, "s", why, note=held.note, columns=judged)

@@ -226,15 +226,10 @@ def _extra_at_start(at: NDArray[np.intp], heights: Array, torque: Array, most: f
     stretches = np.split(torque, at)
     levels = np.vstack([np.zeros(3), np.cumsum(heights, axis=0)])
     for stretch, level in zip(stretches, levels, strict=True):
-        if _is_quiet(stretch, most):
+        # The median is small if all of it is, which is sooner told.
+        if np.abs(stretch).max() <= most or np.abs(np.median(stretch, axis=0)).max() <= most:
             return np.asarray(-level)
     return np.asarray(np.median(stretches[0], axis=0), dtype=np.float64)
-
-
-def _is_quiet(stretch: Array, most: float) -> bool:
-    """Whether a level is small enough for an environment: its median, or simply all of it."""
-    small = np.abs(stretch).max() <= most
-    return bool(small or np.abs(np.median(stretch, axis=0)).max() <= most)
 
 
 def _paired(rises: Array, same: float, least: float) -> list[_Found]:

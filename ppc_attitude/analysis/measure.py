@@ -32,6 +32,7 @@ from ppc_attitude.analysis.requirements import (
 from ppc_attitude.analysis.series import (
     Mask,
     Span,
+    absent_in,
     absent_spans,
     clipped,
     elapsed,
@@ -116,9 +117,8 @@ class Measured:
         self.hidden: dict[float | None, Span] = {}
         self.lacks_attitude = self.lacks(truth.attitude, REFERENCE_ATTITUDE.column)
         self.lacks_rate = self.lacks(truth.angular_velocity)
-        if self.lacks_rate:
-            self.rate: Array = np.full((self.t.size, 3), np.nan)
-        else:
+        self.rate: Array = np.full((self.t.size, 3), np.nan)
+        if not self.lacks_rate:
             self.rate = np.rad2deg(vectors(record, truth.angular_velocity))
         pulses = known_pulses
         if pulses is None:
@@ -126,7 +126,8 @@ class Measured:
         self.first_hit = pulses[0].start_s if pulses else np.inf
         self.calm = self.t < self.first_hit
         self.calm_span = (self.begin, min(self.first_hit, self.end))
-        early = "nothing" if all(each.jumps for each in envelopes_of(record)) else "the envelope"
+        stays = any(not each.jumps for each in envelopes_of(record).values())
+        early = "the envelope" if stays else "nothing"
         self.hits = tuple(
             Disturbance(
                 **vars(pulse),
@@ -246,22 +247,27 @@ class Measured:
         strict: bool = False,
         without: tuple[Span, ...] = (),
         note: str = "",
+        columns: tuple[str, ...] = (),
         absent: tuple[Span, ...] = (),
     ) -> Requirement:
         """Compare a value with its limit, unless `why` says why not; the default span is the run.
 
-        What is absent of the span is left out; if it is much, a limit that seems met is not judged.
+        It is taken from columns that the record must have. What is absent of them in the span, or
+        said to be, is left out; if it is much, a limit that seems met is not judged.
         """
-        span = span or self.whole
+        span, name = span or self.whole, self.names[key]
+        why = self.lacks(*columns) or why
+        met = None
+        if value is None:
+            why = why or f"there is no finite sample from {span_text(span)} s"
+        elif not why:
+            met = value < limit if strict else value <= limit * (1.0 + SUMMATION)
+            if columns:
+                absent = absent or absent_in(self.record, *columns)
+            why = lacks_too_much(absent, span) if met else ""
+        if why:
+            return Requirement(key, name, None, limit, unit, None, None, strict, why)
         without = tuple(sorted((*without, *clipped(absent, span))))
-        if value is None and not why:
-            why = f"there is no finite sample from {span_text(span)} s"
-        name = self.names[key]
-        if why or value is None:
-            return Requirement(key, name, None, limit, unit, None, None, strict, why)
-        met = value < limit if strict else value <= limit * (1.0 + SUMMATION)
-        if met and (why := lacks_too_much(absent, span)):
-            return Requirement(key, name, None, limit, unit, None, None, strict, why)
         return Requirement(key, name, value, limit, unit, met, span, strict, note, without)
 
     def size(self, accuracy: Accuracy) -> Array:
@@ -293,8 +299,8 @@ class Measured:
     @cached_property
     def outsides(self) -> dict[Envelope, float]:
         """Time outside [s] each envelope that the run has; none of a run of one instant."""
-        found = () if self.lacks_time else envelopes_of(self.record)
-        return {each: self.time(outside(self.record, each)) for each in found}
+        found = {} if self.lacks_time else envelopes_of(self.record)
+        return {each: self.time(outside(self.record, each)) for each in found.values()}
 
     @cached_property
     def metrics(self) -> Metrics:

@@ -210,17 +210,15 @@ class Verdict(Measured):
         if required.terminal is not None:
             yield self._terminal(required.terminal)
         if required.rate is not None:
-            why = self.lacks_rate or self.lacks_calm
+            why = self.lacks_calm
             rate = self.metrics.max_rate_deg_s
             note = self._whole_run(rate, self.metrics.max_rate_whole_run_deg_s, "deg/s")
-            span, known = self.rate_spans[0], np.isfinite(self.rate[:, 0])
-            limit = required.rate
-            absent = absent_spans(self.record, known)
-            yield self.row("rate", rate, limit, "deg/s", why, span, note=note, absent=absent)
+            row = ("rate", rate, required.rate, "deg/s", why, self.rate_spans[0])
+            yield self.row(*row, note=note, columns=(self.truth.angular_velocity,))
         if required.torque is not None:
             why = self.lacks_torque_limit
             yield self._column("applied_torque", APPLIED_TORQUE.column, self.torque_limit, why)
-        for envelope in envelopes_of(self.record):
+        for envelope in envelopes_of(self.record).values():
             yield from self._inside(envelope)
         late = [hit for hit in self.hits if hit.start_s >= required.settling_deadline]
         if late:
@@ -312,8 +310,8 @@ class Verdict(Measured):
         unit = BY_COLUMN[column].unit if column in BY_COLUMN else ""
         value, why = self.largest_of(column), self.lacks(column) or why
         rare = column in self.record.held or (column in BY_COLUMN and BY_COLUMN[column].late)
-        absent = () if rare or why else absent_in(self.record, column)
-        return self.row(key, value, limit, "" if unit == "1" else unit, why, absent=absent)
+        columns = () if rare else (column,)
+        return self.row(key, value, limit, "" if unit == "1" else unit, why, columns=columns)
 
     def _inside(self, envelope: Envelope) -> Iterator[Requirement]:
         """Judge the time of the law's own error outside its envelope."""
@@ -382,8 +380,8 @@ class Verdict(Measured):
         apart = np.maximum.reduce(np.abs(reported - computed).T)
         if not (apart < 0.5).all():  # else the opposite of a unit quaternion is farther away
             apart = np.minimum(apart, np.maximum.reduce(np.abs(reported + computed).T))
-        absent = absent_in(self.record, ATTITUDE_ERROR.column, ATTITUDE.column)
-        yield self.row("reported_error", largest(apart), ROUNDING, absent=absent)
+        columns = (ATTITUDE_ERROR.column, ATTITUDE.column)
+        yield self.row("reported_error", largest(apart), ROUNDING, columns=columns)
 
     def _knowledge(self) -> Iterator[Requirement]:
         """Judge the knowledge error, from T on by the requirement, or else by the known noise."""

@@ -216,24 +216,18 @@ def replay(run: Measured) -> str:
 
 
 def _panel(axes: Axes) -> dict[str, Any]:
+    # Bands of faults and marks of hits are drawn across all of the ordinate.
+    across = axes.get_xaxis_transform()
+    bands = [each for each in axes.patches if each.get_data_transform() == across]
+    lines = [each for each in axes.get_lines() if each.get_transform() != across]
     return {
         "label": _plain(axes.get_ylabel()),
         "scale": axes.get_yscale(),
         "limits": None if axes.get_autoscaley_on() else axes.get_ylim(),
-        "bands": [_band(each) for each in axes.patches if _is_band(axes, each)],
-        "lines": [_line(axes, each) for each in axes.get_lines() if _is_line(axes, each)],
+        "bands": [_band(each) for each in bands],
+        # A line without points is an entry of a legend alone.
+        "lines": [_line(axes, each) for each in lines if len(np.asarray(each.get_xdata())) > 1],
     }
-
-
-def _is_line(axes: Axes, line: Line2D) -> bool:
-    """Whether it is a line over time: no mark of a hit, no entry of a legend alone."""
-    mark = line.get_transform() == axes.get_xaxis_transform()
-    return len(np.asarray(line.get_xdata())) > 1 and not mark
-
-
-def _is_band(axes: Axes, patch: Patch) -> bool:
-    """Whether it is a band over all of the ordinate, such as that of a fault."""
-    return bool(patch.get_data_transform() == axes.get_xaxis_transform())
 
 
 def _band(patch: Patch) -> dict[str, Any]:

@@ -70,27 +70,25 @@ def _chatter(run: Measured, limit: float) -> Requirement:
     Its amplitude is the root mean square of (τ_k − 2 τ_{k−1} + τ_{k−2})/4 on the worst axis: a for
     a torque that alternates between a and −a, and h² τ''/4 for a smooth one.
     """
-    torque, unit = APPLIED_TORQUE.column, "N·m"
-    if why := run.lacks(torque) or run.lacks_settled:
-        return run.row("chatter", None, limit, unit, why)
-    told = np.where(run.settled[:, None], samples(run.record, torque), np.nan)
-    swing = np.diff(told, 2, axis=0) / 4.0
-    swing = swing[np.isfinite(swing).all(axis=1)]
-    most = float(np.sqrt(np.square(swing).mean(axis=0)).max()) if swing.size else None
-    span, absent = run.span_from_deadline, absent_in(run.record, torque)
-    row = ("chatter", most, limit, unit, "", span)
-    return run.row(*row, without=run.recoveries, absent=absent)
+    torque, most = APPLIED_TORQUE.column, None
+    if has(run.record, torque):
+        told = np.where(run.settled[:, None], samples(run.record, torque), np.nan)
+        swing = np.diff(told, 2, axis=0) / 4.0
+        swing = swing[np.isfinite(swing).all(axis=1)]
+        most = float(np.sqrt(np.square(swing).mean(axis=0)).max()) if swing.size else None
+    row = ("chatter", most, limit, "N·m", run.lacks_settled, run.span_from_deadline)
+    return run.row(*row, without=run.recoveries, columns=(torque,))
 
 
 def _judge_wheels(run: Measured) -> Iterator[Requirement]:
     """Judge the wheels' momentum, and whether they could take it up."""
-    absent = absent_in(run.record, wheels.SPEED.name) if has(run.record, wheels.SPEED.name) else ()
+    columns = (wheels.SPEED.name,)
     if run.required.momentum is not None:
-        held, why = wheel_momentum(run.record), run.lacks(wheels.SPEED.name)
-        if held is None and not why:
+        held, why = wheel_momentum(run.record), ""
+        if held is None:
             why = f"no parameters of the wheels ({wheels.INERTIA.name} of {PLANT}) on record"
         limit = run.required.momentum
-        yield run.row("momentum", largest(held), limit, "N·m·s", why, absent=absent)
+        yield run.row("momentum", largest(held), limit, "N·m·s", why, columns=columns)
     if has(run.record, wheels.SPEED.name):
         shares, why = wheel_shares(run.record), run.changed(PLANT, wheels.MAX_SPEED.name)
         if shares is None and not why:
@@ -101,7 +99,7 @@ def _judge_wheels(run: Measured) -> Iterator[Requirement]:
             told = f"wheel {wheel} is above the limit from {instant(since)} s on"
             note = f"{told}, so momentum runs out"
         row = ("wheel_speed", largest(shares), RESERVE, "", why)
-        yield run.row(*row, note=note, absent=absent)
+        yield run.row(*row, note=note, columns=columns)
 
 
 def _judge_fuel(run: Measured) -> Iterator[Requirement]:

@@ -164,16 +164,14 @@ def _read_number(name: str, declared: Any, allowed: Parameter) -> Number:
 
 
 def _read_normal(name: str, declared: Mapping[str, Any], allowed: Parameter) -> Number:
-    keys(name, declared, ("distribution", "mean", "deviation", "low", "high"))
-    mean, deviation = (_finite(f"{name}.{key}", declared.get(key)) for key in ("mean", "deviation"))
     least = max(allowed.low, math.nextafter(allowed.above, math.inf))
-    low = _finite(f"{name}.low", declared.get("low", least))
-    high = _finite(f"{name}.high", declared.get("high", allowed.high))
+    whole = {"low": least, "high": allowed.high, **declared}
+    mean, deviation, low, high = _fields(name, whole, "mean", "deviation", "low", "high")
     if deviation <= 0.0:
         raise ConfigurationError(f"{name}.deviation = {deviation:g}; allowed: > 0")
     _check_order(name, low, high)
-    whole = NormalDist(mean, deviation)
-    share = whole.cdf(high) - whole.cdf(low)
+    uncut = NormalDist(mean, deviation)
+    share = uncut.cdf(high) - uncut.cdf(low)
     if share < _LEAST_SHARE:
         raise ConfigurationError(
             f"{name}: only {share:.2g} of the normal distribution lies between low = "
@@ -206,13 +204,13 @@ def attitudes(name: str, declared: Any) -> Attitudes:
     ConfigurationError
         It is neither.
     """
-    kind = declared.get("distribution") if isinstance(declared, Mapping) else declared
+    given = declared if isinstance(declared, Mapping) else {"distribution": declared}
+    kind = given.get("distribution")
     if kind == "so3":
-        if isinstance(declared, Mapping):
-            _fields(name, declared)
+        _fields(name, given)
         return Attitudes(None)
-    if kind == "cone" and isinstance(declared, Mapping):
-        (angle,) = _fields(name, declared, "angle")
+    if kind == "cone":
+        (angle,) = _fields(name, given, "angle")
         if not 0.0 <= angle <= math.pi:
             raise ConfigurationError(f"{name}.angle = {angle:g} rad; allowed: 0 to π")
         return Attitudes(angle)
