@@ -19,7 +19,9 @@ A function that draws one raises AnalysisError if a run lacks what it shows; the
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -58,21 +60,21 @@ from ppc_attitude.analysis.run_panels import (
 from ppc_attitude.analysis.series import AnalysisError, has, vectors
 from ppc_attitude.contract.run_record import Array, RunRecord
 
-# A run: time (n,), values (n, k), envelope of the first of them (n, ≤ k) if there is one.
-_Series = tuple[Array, Array, Array | None]
+# The components of a run: time (n,), value (n,), and what bounds it (n,) if anything does.
+_Curves = list[tuple[Array, Array, Array | None]]
 
 
 def attitude_comparison(runs: Sequence[Measured], labels: Sequence[str]) -> Figure:
     """Draw the pointing errors of runs, each in its own envelope, and a late hit closely."""
-    series: list[_Series] = []
+    curves = []
     for run in runs:
         if run.pointing is None:
             raise AnalysisError(f"{run.record.source}: {run.lacks_attitude}")
         bound = bound_of(run.record, ATTITUDE.error)
         envelope = vectors(run.record, bound) if has(run.record, bound) else None
-        series.append((run.t, run.pointing.quaternions, envelope))
-    rows = [f"pointing error\n$q_{{ev,{axis}}}$ [1]" for axis in AXES]
-    return _side_by_side(runs, labels, series, rows)[0]
+        curves.append(_curves(run, run.pointing.quaternions[:, :3], envelope))
+    names = [f"pointing error\n$q_{{ev,{axis}}}$ [1]" for axis in AXES]
+    return _side_by_side(runs, labels, names, curves)[0]
 
 
 def error_comparison(runs: Sequence[Measured], labels: Sequence[str], envelope: Envelope) -> Figure:
@@ -81,30 +83,30 @@ def error_comparison(runs: Sequence[Measured], labels: Sequence[str], envelope: 
     Logarithmic: a hit is a thousand times the envelope.
     """
     factor, unit = in_degrees(envelope.unit)
-    series: list[_Series] = []
+    curves, floors = [], []
     for run in runs:
         bound = bound_of(run.record, envelope.error)
         if not bound:
             raise AnalysisError(f"{run.record.source}: no component bounds the {envelope.name}")
         error = factor * np.abs(vectors(run.record, envelope.error))
-        series.append((run.t, error, factor * vectors(run.record, bound)))
-    widest = max(values.shape[1] for _, values, _ in series)
-    names = (envelope.parts or AXES)[:widest]
-    rows = [f"|{symbols(envelope.title)}|\n{name} [{unit}]" for name in names]
-    floor = min(log_floor(bound) for _, _, bound in series if bound is not None)
-    return _side_by_side(runs, labels, series, rows, floor=floor)[0]
+        bounds = factor * vectors(run.record, bound)
+        curves.append(_curves(run, error, bounds))
+        floors.append(log_floor(bounds))
+    parts = (envelope.parts or AXES)[: max(map(len, curves))]
+    names = [f"|{symbols(envelope.title)}|\n{part} [{unit}]" for part in parts]
+    return _side_by_side(runs, labels, names, curves, floor=min(floors))[0]
 
 
 def angular_velocity_comparison(runs: Sequence[Measured], labels: Sequence[str]) -> Figure:
     """Draw ω_s of runs, its norm with the limit, and a late hit closely."""
-    series: list[_Series] = []
+    curves = []
     for run in runs:
         if run.lacks_rate:
             raise AnalysisError(f"{run.record.source}: {run.lacks_rate}")
         norm = np.linalg.norm(run.rate, axis=1, keepdims=True)
-        series.append((run.t, np.hstack([run.rate, norm]), None))
-    rows = [f"angular velocity\n{axis} [deg/s]" for axis in AXES] + ["its norm [deg/s]"]
-    figure, axes = _side_by_side(runs, labels, series, rows)
+        curves.append(_curves(run, np.hstack([run.rate, norm]), None))
+    names = [f"angular velocity\n{axis} [deg/s]" for axis in AXES] + ["its norm [deg/s]"]
+    figure, axes = _side_by_side(runs, labels, names, curves)
     limit = runs[0].required.rate
     for each in axes[-1]:
         if limit is not None:
@@ -183,7 +185,8 @@ def sweep_figure(hits: Sequence[SweptHit], required: Requirements = PAPER) -> Fi
     # A hit that is not recovered breaks the line: nothing is known between its neighbours.
     known = [np.nan if hit.recovery_time_s is None else hit.recovery_time_s for hit in hits]
     lost = [hit.duration_s for hit in hits if hit.recovery_time_s is None]
-    top.plot(durations, known, "o-", color=BLUE, markersize=4, linewidth=1.0, label="recovery")
+    told: dict[str, Any] = {"color": BLUE, "markersize": 4, "linewidth": 1.0}
+    top.plot(durations, known, "o-", **told, label="recovery")
     if lost:  # Matplotlib finds no place for a line of no points outside the axes
         top.plot(
             lost,
@@ -200,9 +203,7 @@ def sweep_figure(hits: Sequence[SweptHit], required: Requirements = PAPER) -> Fi
     allowed = required.outside_after_hit
     for axes, envelope in zip(shown[1:], thrown, strict=True):
         outside = [hit.outside[envelope] for hit in hits]
-        axes.plot(
-            durations, outside, "s-", color=BLUE, markersize=4, linewidth=1.0, label="outside"
-        )
+        axes.plot(durations, outside, "s-", **told, label="outside")
         if allowed is not None:
             limit_lines(axes, allowed, label=f"limit {allowed:g} s")
         axes.set_ylabel(f"{envelope.name} outside\nits envelope [s]")
@@ -218,56 +219,49 @@ def sweep_figure(hits: Sequence[SweptHit], required: Requirements = PAPER) -> Fi
     return figure
 
 
+def _curves(run: Measured, values: Array, bounds: Array | None) -> _Curves:
+    """Components of values, shape (n, k), with the bounds of the first of them, shape (n, ≤ k)."""
+    pairs = zip_longest(values.T, [] if bounds is None else bounds.T)
+    return [(run.t, value, bound) for value, bound in pairs]
+
+
 def _side_by_side(
     runs: Sequence[Measured],
     labels: Sequence[str],
-    series: Sequence[_Series],
     names: Sequence[str],
+    curves: Sequence[_Curves],
     *,
     floor: float | None = None,
 ) -> tuple[Figure, list[list[Axes]]]:
     """Draw one row for each component: the whole run, and a late hit closely if a run has one.
 
-    Logarithmic from `floor` up, if that is given.
+    The first run is on top. Logarithmic from `floor` up, if that is given.
     """
     hits = sorted({hit.start_s for run in runs for hit in run.hits})
     faults = sorted({(each.start_s, each.end_s) for run in runs for each in faults_of(run.record)})
-    whole = np.array([min(t[0] for t, _, _ in series), max(t[-1] for t, _, _ in series)])
+    whole = np.array([min(run.begin for run in runs), max(run.end for run in runs)])
     window = zoom_window(whole, hits, runs[0].required.settling_deadline)
     columns = 1 if window is None else 2
     figure, shown = panels(len(names), columns, width=PAGE_WIDTH, row_height=1.4, share_x=True)
     rows = [shown[k : k + columns] for k in range(0, len(shown), columns)]
-    for k, row in enumerate(rows):
-        row[0].set_ylabel(names[k])
+    for name, row, own in zip(names, rows, zip(*curves, strict=False), strict=False):
+        row[0].set_ylabel(name)
         if window is not None:  # before anything is drawn
             row[-1].set_xlim(*window)
         for axes in row:
-            _draw_row(axes, k, labels, series, mirrored=floor is None)
-        if floor is None and window is not None:
-            curves = [(t, values[:, k]) for t, values, _ in series]
-            curves += [
-                (t, bound[:, k])
-                for t, _, bound in series
-                if bound is not None and k < bound.shape[1]
-            ]
-            fit(row[1], window, curves)
-        for axes in row:
+            for label, colour, (t, value, bound) in zip(labels, RUN_COLOURS, own, strict=False):
+                draw(axes, t, value, colour=colour, label=label)
+                if bound is not None:
+                    draw_envelope(axes, t, bound[:, None], [colour], mirrored=floor is None)
+            for order, line in enumerate(reversed(axes.get_lines())):
+                line.set_zorder(2.0 + 0.01 * order)
             if floor is not None:
                 log_axis(axes, floor)
             time_axis(axes, whole)
             mark_hits(axes, hits)
             mark_faults(axes, faults)
+        if floor is None and window is not None:
+            shown_closely = [(t, each) for t, *pair in own for each in pair if each is not None]
+            fit(row[1], window, shown_closely)
     legend(rows[0][0])
     return figure, rows
-
-
-def _draw_row(
-    axes: Axes, k: int, labels: Sequence[str], series: Sequence[_Series], *, mirrored: bool
-) -> None:
-    """Draw component k of every run, the first on top, each with its envelope dotted."""
-    for label, colour, (t, values, envelope) in zip(labels, RUN_COLOURS, series, strict=False):
-        draw(axes, t, values[:, k], colour=colour, label=label)
-        if envelope is not None and k < envelope.shape[1]:
-            draw_envelope(axes, t, envelope[:, [k]], [colour], mirrored=mirrored)
-    for order, line in enumerate(reversed(axes.get_lines())):
-        line.set_zorder(2.0 + 0.01 * order)
