@@ -32,7 +32,7 @@ from ppc_attitude.campaign.summary import Summary
 LARGEST_CHUNK = 16
 """Runs that a worker computes at a time: seconds, so that little is lost with a worker."""
 _AHEAD = 4  # chunks of each slot that are submitted beyond the oldest unfinished one
-_ATTEMPTS = 2  # for a run in whose company a worker was lost: the first may have been bad luck
+_AGAIN = 2  # for a run in whose company a worker was lost: the first may have been bad luck
 _GLANCE = 0.1  # [s] between looks at the wish to stop
 
 
@@ -152,29 +152,23 @@ def _finished(future: "Future[list[Outcome]]", pool: Pool) -> bool:
 
 
 def _result(
-    campaign: Campaign, indices: range, future: "Future[list[Outcome]]", pool: Pool
+    campaign: Campaign,
+    indices: range,
+    future: "Future[list[Outcome]]",
+    pool: Pool,
+    again: int = _AGAIN,
 ) -> list[Outcome]:
-    """Outcomes of a finished chunk; of one whose worker was lost, run by run."""
+    """Outcomes of a chunk; if its worker is lost, of each run by itself, which tells with which."""
     try:
+        while not _finished(future, pool):
+            pass
         return future.result()
     except BaseException as error:
         if not pool.lost(error):
             raise
-    return [_alone(campaign, index, pool) for index in indices]
-
-
-def _alone(campaign: Campaign, index: int, pool: Pool) -> Outcome:
-    """One run by itself, so that it is known which run a worker was lost with."""
-    reason: BaseException | None = None
-    for _ in range(_ATTEMPTS):
-        try:
-            future = pool.submit(index, index + 1)
-            while not _finished(future, pool):
-                pass
-            return future.result()[0]
-        except BaseException as error:
-            if not pool.lost(error):
-                raise
-            reason = error
-    why = f"every worker that ran it was lost: {reason}"
-    return broken(campaign, index, why, draw(campaign, index))
+        why = f"every worker that ran it was lost: {error}"
+    if not again:
+        return [broken(campaign, index, why, draw(campaign, index)) for index in indices]
+    alone = (range(index, index + 1) for index in indices)
+    submitted = ((each, pool.submit(each.start, each.stop)) for each in alone)
+    return [run for each in submitted for run in _result(campaign, *each, pool, again - 1)]
