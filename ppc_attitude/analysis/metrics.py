@@ -244,21 +244,21 @@ class Verdict(Measured):
 
     def _settling(self) -> Requirement:
         deadline, (_, until) = self.required.settling_deadline, self.calm_span
+        value, settled = self.metrics.settling_time_s, self.metrics.settled
         why, note = self.lacks_settled, ""
         if self.first_hit < deadline:
             hit = f"a sudden disturbance at {instant(until)} s"
             why = f"{hit} comes before the deadline of {deadline:g} s"
-        if self.metrics.settled is False:
+        if settled is False:
             note = f"still not settled at {instant(until)} s"
-        value = self.metrics.settling_time_s
-        if value is None and self.metrics.settled:
+            if (value or 0.0) < deadline:
+                why = why or f"a sudden disturbance came when the craft was {note}"
+        elif settled and value is None:
             value = self.known_from
             note = "at most: it was settled when the record of the error begins"
             if value >= deadline:
                 late = f"the record of the error begins at {instant(value)} s, after the deadline"
                 why = why or late
-        if not why and self.metrics.settled is False and (value or 0.0) < deadline:
-            why = f"a sudden disturbance came when the craft was {note}"
         if value is not None and (unseen := self.hidden.get(None)):
             note = f"at most: {not_on_record(unseen)}"
             if unseen[0] < deadline <= value:  # the error may have settled on either side of it
