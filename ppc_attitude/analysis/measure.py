@@ -117,8 +117,9 @@ class Measured:
         self.hidden: dict[float | None, Span] = {}
         self.lacks_attitude = self.lacks(truth.attitude, REFERENCE_ATTITUDE.column)
         self.lacks_rate = self.lacks(truth.angular_velocity)
-        self.rate: Array = np.full((self.t.size, 3), np.nan)
-        if not self.lacks_rate:
+        if self.lacks_rate:
+            self.rate: Array = np.full((self.t.size, 3), np.nan)
+        else:
             self.rate = np.rad2deg(vectors(record, truth.angular_velocity))
         pulses = known_pulses
         if pulses is None:
